@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 import statsmodels.api as sm
 
-from analysis.protocol import more, share
+from analysis.protocol import more
 from needlehoop.study.data import paper
 from needlehoop.study.render.table import percent, written
 from needlehoop.study.stats.findings import StudyFindings
-from needlehoop.study.stats.statistics import ENOUGH, Estimated, Interval
+from needlehoop.study.stats.statistics import ENOUGH, Estimated, Interval, share
 
 _LEAST = 2
 """Seeds of a camera set from which on they say how far its runs lie apart."""

@@ -10,10 +10,10 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.stats import kendalltau
 
-from analysis.protocol import means, more, share
+from analysis.protocol import means, more
 from needlehoop.study.render.style import COLOURS, FAINT, new_figure
 from needlehoop.study.render.table import percent, written
-from needlehoop.study.stats.statistics import Estimated
+from needlehoop.study.stats.statistics import Estimated, share
 
 RENDERINGS = {"rgb": "colour", "seg": "segmentation", "dep": "colour and depth"}
 VIEWS = {

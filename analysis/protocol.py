@@ -6,7 +6,6 @@ Of any task that has the paper's camera sets; so of Q5 (does it hold on another 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from itertools import chain, permutations, product
 
 import numpy as np
@@ -27,7 +26,7 @@ from needlehoop.study.stats.statistics import (
     Estimated,
     Interval,
     chance_above,
-    estimate,
+    share,
 )
 
 TRAITS = {
@@ -57,14 +56,6 @@ def means(rows: pd.DataFrame, of: str = "success", by: str = "cameras") -> dict[
     return dict(sorted(found.items(), key=lambda pair: (-pair[1], pair[0])))
 
 
-def share(successes: Sequence[float]) -> Estimated:
-    """The mean success of runs, with Student's interval cut at 0 and 1; none of one or two runs."""
-    found = estimate(successes)
-    if (ends := found.interval) is None:
-        return found
-    return replace(found, interval=Interval(max(ends.low, 0.0), min(ends.high, 1.0)))
-
-
 def more(first: Sequence[float], second: Sequence[float]) -> Estimated:
     """Mean of the first runs less that of the second, with Welch's 95 % interval."""
     value = float(np.mean(first) - np.mean(second))
@@ -80,12 +71,7 @@ def beating(first: Sequence[float], second: Sequence[float]) -> dict[str, str]:
 
     The test is two-sided: it takes every way to share all runs out between the two.
     """
-    apart = permutation_test(
-        (first, second),
-        lambda a, b, axis: chance_above(np.moveaxis(a, axis, -1), np.moveaxis(b, axis, -1)),
-        n_resamples=int(1e6),
-        vectorized=True,
-    )
+    apart = permutation_test((first, second), chance_above, n_resamples=int(1e6))
     return {CHANCE: written(float(apart.statistic)), EXACT: p_value(float(apart.pvalue))}
 
 
@@ -111,17 +97,16 @@ def sets_table(runs: pd.DataFrame, done: str = "threaded") -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def best_table(runs: pd.DataFrame, done: str = "threaded") -> pd.DataFrame:
+def best_table(runs: pd.DataFrame) -> pd.DataFrame:
     """What the set that does best in the other seeds does in a seed that did not choose it."""
-    rows = []
+    rows, successes = [], []
     for seed, left_out in runs.groupby("seed"):
         chosen = next(iter(means(runs.query("seed != @seed"))))
-        success = left_out.loc[left_out["cameras"] == chosen, "success"].item()
-        rows.append((str(seed), chosen, success))
-    rows.append(("mean", "", float(np.mean([one[-1] for one in rows]))))
-    names = ("seed left out", "best in the other seeds", f"{done} in the seed left out, %")
-    written_rows = [(seed, name, percent(success)) for seed, name, success in rows]
-    return pd.DataFrame(written_rows, columns=names)
+        successes.append(left_out.loc[left_out["cameras"] == chosen, "success"].item())
+        rows.append((str(seed), chosen, percent(successes[-1])))
+    rows.append(("mean", "", percent(float(np.mean(successes)))))
+    names = ("seed left out", "best in the other seeds", "threaded in the seed left out, %")
+    return pd.DataFrame(rows, columns=names)
 
 
 def traits_table(runs: pd.DataFrame) -> pd.DataFrame:

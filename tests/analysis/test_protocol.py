@@ -29,7 +29,7 @@ MEASURED = {
 }
 
 
-def test_the_rule_itself_knows_nothing_p_within_classes():
+def test_the_rule_itself_knows_nothing_within_its_classes():
     rule = [{name: float(is_two_sided(name)) for name in names} for names in LISTS]
     assert mean_tau(rule, MEASURED) > 0.5
     assert p_within_classes(rule, MEASURED) == 1.0

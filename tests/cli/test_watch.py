@@ -46,20 +46,18 @@ def test_the_shipped_agent_is_watched_if_none_is_named(run, monkeypatch, capsys)
 
 
 @pytest.mark.parametrize(
-    "word",
+    ("word", "cameras"),
     [
-        "task=reach/near",
-        *(
-            pytest.param(f"task={name}", marks=pytest.mark.full)
-            for name in ("peg_transfer", "handover")
-        ),
+        ("task=reach/near", "dep_front+seg_side"),
+        pytest.param("task=peg_transfer", "dep_front+seg_side", marks=pytest.mark.full),
+        pytest.param("task=handover", "rgb_front+rgb_side", marks=pytest.mark.full),
     ],
 )
-def test_a_task_has_a_shipped_agent_of_its_own(word, capsys):
+def test_a_task_has_a_shipped_agent_of_its_own(word, cameras, capsys):
     assert main(["watch", word, "episodes=2", "video_episodes=1", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     task = word.removeprefix("task=").partition("/")[0]
-    assert Path(found["run"]).parts[-5:-3] == ("results", task)
+    assert found["run"].endswith(f"results/{task}/{cameras}/expert/seed0")
     assert ("changed" in found) == ("/" in word)
     assert found["success"] == 1.0
 

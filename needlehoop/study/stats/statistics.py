@@ -74,15 +74,23 @@ def estimate(values: Sequence[float] | np.ndarray) -> Estimated:
     return Estimated(value, _percentiles(iqm(_resample(own, np.random.default_rng(0)), axis=1)), n)
 
 
+def share(shares: Sequence[float]) -> Estimated:
+    """``estimate`` of shares, its interval cut at 0 and 1."""
+    found = estimate(shares)
+    if (ends := found.interval) is None:
+        return found
+    return replace(found, interval=Interval(max(ends.low, 0.0), min(ends.high, 1.0)))
+
+
 def rate(shares: Sequence[float], episodes: Sequence[int]) -> Estimated:
     """A share of episodes, such as success, over the runs of one camera set.
 
     With too few seeds, the interval is Wilson's over all their episodes, which says nothing of
     what another seed would give.
     """
-    found = estimate(shares)
-    if (ends := found.interval) is not None:
-        return replace(found, interval=Interval(max(ends.low, 0.0), min(ends.high, 1.0)))
+    found = share(shares)
+    if found.interval is not None:
+        return found
     hits = round(sum(share * n for share, n in zip(shares, episodes, strict=True)))
     total = int(sum(episodes))
     wilson = scipy.stats.binomtest(hits, total).proportion_ci(method="wilson")

@@ -48,42 +48,41 @@ class Human:
         taken = torch.logical_or(s.both, s.released)
         up = held * self._closeness(s.needle_middle, s.meeting)
         way = self._closeness(s.psm1_tool_midpoint, s.pickup_1)
-        jaws = up * s.lifted * self._jaws(s, 2)
-        opened = _open(s.psm1_jaw_command)
+        away_1, away_2 = (_away(s, arm) for arm in (1, 2))
+        opened, opened_2 = _open(s.psm1_jaw_command), _open(s.psm2_jaw_command)
+        reach = 0.3 * way + self._jaws(away_1, opened)
+        come = self._waiting(s, away_2, opened_2) + up * s.lifted * self._jaws(away_2, opened_2)
         given = 0.4 * s.both * opened + (0.7 + 0.3 * s.handed) * s.released
         return {
-            "grasp": self.grasp * torch.where(held, one, 0.3 * way + self._jaws(s, 1)),
+            "grasp": self.grasp * torch.where(held, one, reach),
             "lift": self.lift * up,
-            "take": self.take * torch.where(taken, one, self._waiting(s) + jaws),
+            "take": self.take * torch.where(taken, one, come),
             "give": self.give * given,
             "time": -self.time * s.elapsed,
         }
 
-    def _waiting(self, s: Signals) -> Tensor:
+    def _waiting(self, s: Signals, away: Tensor, opened: Tensor) -> Tensor:
         """How near PSM 2 is to where it will take the needle, from 0 to 0.3 ``(n,)``."""
         # Its pickup point as it will be with the needle at the meeting place.
         place = s.pickup_2 + s.meeting - s.needle_middle
-        opened = _open(s.psm2_jaw_command)
-        # About the needle they are to shut.
-        ready = torch.where(self._away(s, 2) == 0, torch.ones_like(opened), opened)
+        # About the needle the jaws are to shut.
+        ready = torch.where(away == 0, torch.ones_like(opened), opened)
         return 0.15 * self._closeness(s.psm2_tool_midpoint, place) * (1.0 + ready)
 
-    def _jaws(self, s: Signals, arm: int) -> Tensor:
-        """How nearly an arm's jaws are shut about its pickup point, from 0 to 0.5 ``(n,)``."""
-        away = self._away(s, arm)
-        shut = (1.0 - _open(getattr(s, f"psm{arm}_jaw_command"))) * (away == 0)
-        return 0.2 * torch.exp(-self.gap_rate * away) + 0.3 * shut
-
-    def _away(self, s: Signals, arm: int) -> Tensor:
-        """Distance of an arm's pickup point from the gap between its blades ``(n,)``, m."""
-        wrist, quat, jaw = (
-            getattr(s, f"psm{arm}_{name}") for name in ("wrist_pos", "tool_quat", "jaw")
-        )
-        pickup = getattr(s, f"pickup_{arm}").unsqueeze(1)
-        return outside_jaws(wrist, quat, jaw, pickup).squeeze(1)
+    def _jaws(self, away: Tensor, opened: Tensor) -> Tensor:
+        """How nearly jaws are shut about their pickup point, from 0 to 0.5 ``(n,)``."""
+        return 0.2 * torch.exp(-self.gap_rate * away) + 0.3 * (1.0 - opened) * (away == 0)
 
     def _closeness(self, a: Tensor, b: Tensor) -> Tensor:
         return torch.exp(-self.rate * distance(a, b))
+
+
+def _away(s: Signals, arm: int) -> Tensor:
+    """Distance of an arm's pickup point from the gap between its blades ``(n,)``, m."""
+    wrist, quat, jaw = (
+        getattr(s, f"psm{arm}_{name}") for name in ("wrist_pos", "tool_quat", "jaw")
+    )
+    return outside_jaws(wrist, quat, jaw, getattr(s, f"pickup_{arm}").unsqueeze(1)).squeeze(1)
 
 
 def _open(command: Tensor) -> Tensor:
