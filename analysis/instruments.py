@@ -10,8 +10,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.stats import kendalltau
 
+from analysis.dots import trainings_figure
 from analysis.protocol import means, more
-from needlehoop.study.render.style import COLOURS, FAINT, new_figure
 from needlehoop.study.render.table import percent, written
 from needlehoop.study.stats.statistics import Estimated, share
 
@@ -152,30 +152,10 @@ def predictions_table(
 
 def views_figure(runs: pd.DataFrame) -> Figure:
     """A row for each set of views, a dot for each training, a colour for each rendering."""
-    means = {
-        views: float(np.mean([np.mean(_successes(runs, views, name)) for name in RENDERINGS]))
-        for views in VIEWS
+    rows = {
+        said: {kind: _successes(runs, views, name) for name, kind in RENDERINGS.items()}
+        for views, said in VIEWS.items()
     }
-    order = sorted(VIEWS, key=means.__getitem__)
-    figure, ((axes,),) = new_figure(8.0 * len(order) + 18)
-    for row, views in enumerate(order):
-        for number, name in enumerate(RENDERINGS):
-            own = 100 * np.array(_successes(runs, views, name))
-            height = row + 0.22 * (1 - number)
-            axes.plot(own, [height] * len(own), "o", markersize=3, color=COLOURS[number], alpha=0.6)
-            axes.plot(
-                [own.mean()],
-                [height],
-                "|",
-                markersize=7,
-                color=COLOURS[number],
-                markeredgewidth=1.6,
-            )
-    axes.set_yticks(range(len(order)), [VIEWS[views] for views in order])
-    axes.set_xlim(-2, 102)
-    axes.set_xlabel("threaded, of 100\n(dot: a training, bar: the mean)")
-    axes.grid(axis="x", color=FAINT, alpha=0.25, linewidth=0.5)
-    for number, said in enumerate(RENDERINGS.values()):
-        axes.plot([], [], "o", markersize=3, color=COLOURS[number], label=said)
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False, fontsize=6.5)
-    return figure
+    mean = {said: np.mean([np.mean(own) for own in row.values()]) for said, row in rows.items()}
+    ordered = {said: rows[said] for said in sorted(rows, key=mean.__getitem__)}
+    return trainings_figure(ordered, [*RENDERINGS.values()], 8.0)

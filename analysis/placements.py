@@ -12,12 +12,13 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.stats import rankdata
 
+from analysis.dots import of_hundred
 from analysis.protocol import means
 from needlehoop.envs.settings import compose_settings
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.scene.cameras import Orbit, View
 from needlehoop.study.data.answers import read_answers
-from needlehoop.study.render.style import COLOURS, FAINT, INK, new_figure
+from needlehoop.study.render.style import COLOURS, INK, new_figure
 from needlehoop.study.render.table import p_value, percent, written
 from needlehoop.study.stats.statistics import Estimated, Interval
 
@@ -196,9 +197,7 @@ def places_figure(singles: pd.DataFrame, pairs: pd.DataFrame) -> Figure:
         right.plot(across, range(len(order)), "o", markersize=3, color=COLOURS[colour], label=said)
     right.set_yticks([])
     right.set_ylabel("20 random pairs")
-    right.set_xlim(0, 100)
-    right.set_xlabel("threaded, of 100")
+    of_hundred(right)
     right.set_title("two cameras", loc="center", pad=10)
-    right.grid(axis="x", color=FAINT, alpha=0.25, linewidth=0.5)
     figure.legend(loc="outside lower right", ncols=2, frameon=False, fontsize=6)
     return figure

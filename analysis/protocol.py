@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from scipy.stats import kendalltau, permutation_test
 from statsmodels.stats.weightstats import CompareMeans, DescrStatsW
 
+from analysis.dots import trainings_figure
 from analysis.runs import is_two_sided
 from needlehoop.study.data import paper
 from needlehoop.study.render.style import COLOURS, FAINT, new_figure
@@ -217,21 +218,12 @@ def predictions_table(predictions: Sequence[Prediction], measured: Scores) -> pd
 
 def sets_figure(runs: pd.DataFrame) -> Figure:
     """A row of dots for each camera set, one a run, the best set on top."""
-    order = [*means(runs)][::-1]
-    figure, ((axes,),) = new_figure(4.6 * len(order) + 14)
-    for row, name in enumerate(order):
-        own = 100 * runs[runs["cameras"] == name]["success"].to_numpy()
-        colour = COLOURS[0 if is_two_sided(name) else 1]
-        axes.plot(own, [row] * len(own), "o", markersize=3, color=colour, alpha=0.6)
-        axes.plot([own.mean()], [row], "|", markersize=9, color=colour, markeredgewidth=1.6)
-    axes.set_yticks(range(len(order)), order)
-    axes.set_xlim(-2, 102)
-    axes.set_xlabel("threaded, of 100\n(dot: a training, bar: the mean)")
-    axes.grid(axis="x", color=FAINT, alpha=0.25, linewidth=0.5)
-    for number, said in enumerate(("front and side view", "one view")):
-        axes.plot([], [], "o", markersize=3, color=COLOURS[number], label=said)
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, fontsize=6.5)
-    return figure
+    kinds = ("front and side view", "one view")
+    rows = {}
+    for name in reversed(means(runs)):
+        own = runs.loc[runs["cameras"] == name, "success"].tolist()
+        rows[name] = {kinds[0 if is_two_sided(name) else 1]: own}
+    return trainings_figure(rows, kinds, 4.6)
 
 
 def predictions_figure(predictions: Sequence[Prediction], measured: Scores) -> Figure:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pandas as pd
 from matplotlib.figure import Figure
 
+from analysis.dots import of_hundred
 from analysis.placements import correlations
 from analysis.protocol import means
 from analysis.runs import RUN
@@ -110,8 +111,6 @@ def survival_figure(survived: pd.DataFrame) -> Figure:
         ends = [100 * shown[said][name] for said in ("undisturbed", "disturbed")]
         axes.plot(ends, [row, row], color=FAINT, linewidth=0.8, zorder=0)
     axes.set_yticks(range(len(order)), order)
-    axes.set_xlim(0, 100)
-    axes.set_xlabel("threaded, %\n(disturbed: mean of 27 kinds)")
-    axes.grid(axis="x", color=FAINT, alpha=0.25, linewidth=0.5)
+    of_hundred(axes, "threaded, of 100\n(disturbed: mean of 27 kinds)")
     figure.legend(loc="outside upper right", ncols=3, frameon=False, fontsize=6)
     return figure

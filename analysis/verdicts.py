@@ -23,6 +23,9 @@ _BEST = "dep_front+seg_side"
 _WELL = 80.0
 """Of 100 episodes: from there on a set trains well."""
 
+Finding = tuple[str, str]
+"""What we found, and the verdict."""
+
 
 def verdicts_table(
     imitated: pd.DataFrame,
@@ -38,24 +41,39 @@ def verdicts_table(
         written_rewards: those of the question who should write the reward.
         study: by its name, what the paper's own protocol gave.
     """
-    return pd.DataFrame([
-        _extremes(means(imitated)),
-        _singles(study("fast"), study("table2"), mounted),
-        _renderings(study("fast"), study("table2")),
-        _best(means(imitated), study("table2")),
-        _writers(written_rewards),
-        _cheats(study("rewards"), written_rewards),
-        _one_camera(means(imitated), mounted),
-    ])  # fmt: skip
-
-
-def _row(says: str, where: str, found: str, verdict: str, link: str) -> dict[str, str]:
+    success, fast, long = means(imitated), study("fast"), study("table2")
+    wrist = 100 * means(mounted)["rgb_wrist"]
+    rewards = study("rewards")
+    rows = (
+        ("A VLM finds the best and the worst set of each list", "V, VLM predictions",
+         _extremes(success), "[Q2](evidence.md#q2-could-it-have-been-predicted)"),
+        ("No single camera trains well", "V, camera combinations",
+         _singles(fast, long, wrist), "[table](evidence.md#camera-sets)"),
+        ("Depth and segmentation lift pairs of colour", "V, camera combinations",
+         _renderings(fast, long), "[ten comparisons](evidence.md#the-papers-ten-comparisons)"),
+        (f"`{_BEST}` is best", "V, camera combinations",
+         _best(success, long), "[Q1](evidence.md#q1-which-cameras)"),
+        ("A reward written with an image beats one written from text, and reaches the human one",
+         "V, VLM generated rewards",
+         _writers(written_rewards), "[Q6](evidence.md#q6-who-should-write-the-reward)"),
+        ("Rewards written from text are cheated", "V, VLM generated rewards",
+         _cheats(rewards, written_rewards), "[rewards](evidence.md#rewards)"),
+        ("Segmentation with depth may allow a single camera", "V, future work",
+         _one_camera(success, wrist), "[Q7](evidence.md#q7-cameras-on-instruments)"),
+    )  # fmt: skip
     names = ("the paper says", "where", "what we found", "verdict", "more")
-    return dict(zip(names, (says, where, found, verdict, link), strict=True))
+    return pd.DataFrame(
+        [(says, where, *finding, link) for says, where, finding, link in rows], columns=names
+    )
 
 
 def _successes(found: StudyFindings) -> dict[str, float]:
     return {name: 100 * float(np.mean(own)) for name, own in found.by_set(SUCCESS).items()}
+
+
+def _pairs(found: StudyFindings) -> list[float]:
+    """Success of the sets with a front and a side view."""
+    return [one for name, one in _successes(found).items() if is_two_sided(name)]
 
 
 def _range(values: Iterable[float]) -> str:
@@ -64,128 +82,80 @@ def _range(values: Iterable[float]) -> str:
     return f"{low:.0f}" if round(low) == round(high) else f"{low:.0f} to {high:.0f}"
 
 
-def _extremes(success: dict[str, float]) -> dict[str, str]:
-    first = worst = 0
+def _extremes(success: dict[str, float]) -> Finding:
     said = [one.places for one in paper.answers().rankings]
-    for places in said:
-        ranked = sorted(places, key=success.__getitem__)
-        order = sorted(places, key=places.__getitem__)
-        first += order[0] == ranked[-1]
-        worst += order[-1] == ranked[0]
+    orders = [
+        (sorted(one, key=one.__getitem__), sorted(one, key=success.__getitem__)) for one in said
+    ]
+    first = sum(predicted[0] == measured[-1] for predicted, measured in orders)
+    worst = sum(predicted[-1] == measured[0] for predicted, measured in orders)
     n = len(said)
-    told = f"by imitation, of {n} lists it names the best set in {first} and the worst in {worst}"
-    verdict = HOLDS if first + worst == 2 * n else FAILS
-    return _row(
-        "A VLM finds the best and the worst set of each list",
-        "V, VLM predictions",
-        told,
-        verdict,
-        "[Q2](evidence.md#q2-could-it-have-been-predicted)",
+    return (
+        f"by imitation, of {n} lists it names the best set in {first} and the worst in {worst}",
+        HOLDS if first + worst == 2 * n else FAILS,
     )
 
 
-def _singles(fast: StudyFindings, long: StudyFindings, mounted: pd.DataFrame) -> dict[str, str]:
+def _singles(fast: StudyFindings, long: StudyFindings, wrist: float) -> Finding:
     alone = {name: one for name, one in _successes(long).items() if "+" not in name}
     sooner = {name: one for name, one in _successes(fast).items() if name in alone}
-    best, wrist = max(sooner, key=sooner.__getitem__), 100 * means(mounted)["rgb_wrist"]
-    verdict = FAILS if max(alone.values()) >= _WELL else HOLDS
-    told = (
+    best = max(sooner, key=sooner.__getitem__)
+    return (
         f"single cameras thread in {_range(alone.values())} of 100 by PPO; `{best}` in"
         f" {sooner[best]:.0f} after a third of the steps; one on the instrument in"
-        f" {wrist:.0f}, by imitation"
-    )
-    return _row(
-        "No single camera trains well",
-        "V, camera combinations",
-        told,
-        verdict,
-        "[table](evidence.md#camera-sets)",
+        f" {wrist:.0f}, by imitation",
+        FAILS if max(alone.values()) >= _WELL else HOLDS,
     )
 
 
-def _renderings(fast: StudyFindings, long: StudyFindings) -> dict[str, str]:
+def _renderings(fast: StudyFindings, long: StudyFindings) -> Finding:
     own = claims(fast, RETURN)
     depth, labels = (own[CLAIMS[i]] for i in (1, 4))
     lows = [one.interval.low if one.interval else -1.0 for one in (depth, labels)]
-    verdict = HOLDS if min(lows) > 0 else OPEN
-    pairs = {name: one for name, one in _successes(long).items() if is_two_sided(name)}
-    told = (
+    return (
         f"depth adds {written(depth, '+.1f')} points of return, segmentation"
         f" {written(labels, '+.1f')}, after 0.5 M steps; after 1.5 M every pair threads in"
-        f" {_range(pairs.values())} of 100"
-    )
-    return _row(
-        "Depth and segmentation lift pairs of colour",
-        "V, camera combinations",
-        told,
-        verdict,
-        "[ten comparisons](evidence.md#the-papers-ten-comparisons)",
+        f" {_range(_pairs(long))} of 100",
+        HOLDS if min(lows) > 0 else OPEN,
     )
 
 
-def _best(success: dict[str, float], long: StudyFindings) -> dict[str, str]:
-    place = [*success].index(_BEST) + 1
-    pairs = {name: one for name, one in _successes(long).items() if is_two_sided(name)}
-    told = (
+def _best(success: dict[str, float], long: StudyFindings) -> Finding:
+    place, pairs = [*success].index(_BEST) + 1, _pairs(long)
+    return (
         f"it is {place}th of {len(success)} by imitation ({100 * success[_BEST]:.0f} of 100); after"
-        f" 1.5 M steps of PPO {len(pairs)} pairs are at their ceiling ({_range(pairs.values())})"
-    )
-    return _row(
-        "`dep_front+seg_side` is best",
-        "V, camera combinations",
-        told,
+        f" 1.5 M steps of PPO {len(pairs)} pairs are at their ceiling ({_range(pairs)})",
         HOLDS if place == 1 else FAILS,
-        "[Q1](evidence.md#q1-which-cameras)",
     )
 
 
-def _writers(runs: pd.DataFrame) -> dict[str, str]:
+def _writers(runs: pd.DataFrame) -> Finding:
     mean = means(runs, by="reward")
     text, image, human = (100 * mean[name] for name in ("vlm_text", "vlm_img", paper.HUMAN))
     own = (runs[runs["reward"] == name]["success"].tolist() for name in ("vlm_img", "vlm_text"))
     ends = more(*own).interval
-    verdict = HOLDS if ends and ends.low > 0 and image >= human else OPEN
-    told = (
+    return (
         f"`claude`'s rewards thread in {image:.0f} of 100 with an image and in {text:.0f} without,"
-        f" the human one in {human:.0f}; five runs each, far apart"
-    )
-    return _row(
-        "A reward written with an image beats one written from text, and reaches the human one",
-        "V, VLM generated rewards",
-        told,
-        verdict,
-        "[Q6](evidence.md#q6-who-should-write-the-reward)",
+        f" the human one in {human:.0f}; five runs each, far apart",
+        HOLDS if ends and ends.low > 0 and image >= human else OPEN,
     )
 
 
-def _cheats(study: StudyFindings, runs: pd.DataFrame) -> dict[str, str]:
+def _cheats(study: StudyFindings, runs: pd.DataFrame) -> Finding:
     own = [100 * (one.middle(CHEAT) or 0.0) for one in study.results if one.reward == "vlm_text"]
     claude = 100 * means(runs, of="cheat", by="reward")["vlm_text"]
-    told = (
+    return (
         "under the paper's own text reward agents touch the goal without threading in"
-        f" {_range(own)} of 100, under `claude`'s five in {claude:.0f}"
-    )
-    return _row(
-        "Rewards written from text are cheated",
-        "V, VLM generated rewards",
-        told,
+        f" {_range(own)} of 100, under `claude`'s five in {claude:.0f}",
         "holds for the paper's reward",
-        "[rewards](evidence.md#rewards)",
     )
 
 
-def _one_camera(success: dict[str, float], mounted: pd.DataFrame) -> dict[str, str]:
-    shaded = {name: 100 * one for name, one in success.items() if name.startswith("segdep_")}
+def _one_camera(success: dict[str, float], wrist: float) -> Finding:
+    shaded = [100 * one for name, one in success.items() if name.startswith("segdep_")]
     pairs = [100 * one for name, one in success.items() if is_two_sided(name)]
-    wrist = 100 * means(mounted)["rgb_wrist"]
-    told = (
-        f"segmentation shaded by depth threads in {_range(shaded.values())} of 100 from one view,"
-        f" pairs in {_range(pairs)}; colour from the instrument in {wrist:.0f}"
-    )
-    return _row(
-        "Segmentation with depth may allow a single camera",
-        "V, future work",
-        told,
+    return (
+        f"segmentation shaded by depth threads in {_range(shaded)} of 100 from one view,"
+        f" pairs in {_range(pairs)}; colour from the instrument in {wrist:.0f}",
         "in part; where the camera is matters more",
-        "[Q7](evidence.md#q7-cameras-on-instruments)",
     )
