@@ -130,7 +130,7 @@ def test_a_needle_that_was_dropped_and_picked_up_by_the_other_arm_is_not_handed(
     assert scene.moment.facts["has_fetched"].all()
     assert scene.moment.facts["cheat"].all()
     assert not any((one["handed"] | one["released"] | one["success"]).any() for one in seen)
-    assert scene.moment.potential.max() < 2.0
+    assert scene.moment.potential.max() < 2.5
 
 
 @pytest.mark.parametrize("grasp", GRASPS)
@@ -178,13 +178,13 @@ def test_the_cheat_is_told_apart_and_earns_nothing(grasp):
     assert outcome.facts["fetched"].double().mean() >= 0.9
     assert torch.equal(outcome.facts["cheat"], outcome.facts["fetched"])
     assert not outcome.success.any()
-    assert outcome.potential.max() < 2.0
+    assert outcome.potential.max() < 2.5
 
 
 def test_chance_does_not_do_it():
     outcome = run_trials(handover(), "random", 12)
     assert not (outcome.success | outcome.facts["grasped_1"]).any()
-    assert outcome.potential.max() < 2.0
+    assert outcome.potential.max() < 2.5
 
 
 def test_the_smooth_expert_can_do_with_what_images_give():
@@ -233,7 +233,7 @@ def test_the_second_arm_is_paid_for_waiting_with_open_jaws_where_it_takes_the_ne
 
     ready = waiting(0.0, 1.35)
     assert (ready > before["take"] + 0.05).all()
-    torch.testing.assert_close(ready, torch.full((6,), 0.6).double())
+    torch.testing.assert_close(ready, torch.full((6,), 1.5).double())
     for height, jaw in ((0.015, 1.35), (0.0, 0.0)):
         assert (waiting(height, jaw) < ready - 0.05).all()
 

@@ -22,12 +22,13 @@ class Human:
 
     An episode's return is its last potential, so each term counts what is so now. A needle that
     PSM 2 holds pays only if it was handed over in the air, and not if it was fetched off the table
-    or picked up after a fall. Until both hold the needle an arm earns up to 0.3 of its term by its
-    way, and up to 0.5 by shutting its jaws about the needle. Letting go earns little before PSM 1
-    has let go, and its whole term once the needle is handed.
+    or picked up after a fall. Until both hold the needle PSM 1 earns up to 0.3 of its term by its
+    way, PSM 2 up to 0.5, and each up to 0.5 by shutting its jaws about the needle. Letting go earns
+    little before PSM 1 has let go, and its whole term once the needle is handed.
 
     PSM 2's way pays from the start, and half of it for open jaws: an arm that is paid for nothing
-    drifts away.
+    drifts away. It pays as much as a grasp, because what pays little is lost in the noise of what
+    pays much.
     """
 
     rate: Positive
@@ -62,12 +63,12 @@ class Human:
         }
 
     def _waiting(self, s: Signals, away: Tensor, opened: Tensor) -> Tensor:
-        """How near PSM 2 is to where it will take the needle, from 0 to 0.3 ``(n,)``."""
+        """How near PSM 2 is to where it will take the needle, from 0 to 0.5 ``(n,)``."""
         # Its pickup point as it will be with the needle at the meeting place.
         place = s.pickup_2 + s.meeting - s.needle_middle
         # About the needle the jaws are to shut.
         ready = torch.where(away == 0, torch.ones_like(opened), opened)
-        return 0.15 * self._closeness(s.psm2_tool_midpoint, place) * (1.0 + ready)
+        return 0.25 * self._closeness(s.psm2_tool_midpoint, place) * (1.0 + ready)
 
     def _jaws(self, away: Tensor, opened: Tensor) -> Tensor:
         """How nearly jaws are shut about their pickup point, from 0 to 0.5 ``(n,)``."""
