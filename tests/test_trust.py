@@ -16,10 +16,9 @@ from tiny_runs import PLACE, TINY, composed, refusal, run_composed
 import needlehoop
 from needlehoop import rewards
 from needlehoop.cli.main import main
-from needlehoop.learning.agent import build_actor
 from needlehoop.learning.encoder import EncoderConfig
 from needlehoop.learning.job import typed_job
-from needlehoop.learning.networks import HeadConfig, PolicySpec
+from needlehoop.learning.networks import Actor, HeadConfig, PolicySpec
 from needlehoop.learning.weights import write_weights
 from needlehoop.tasks.needle_hoop import TASK
 
@@ -67,7 +66,7 @@ def policy(tmp_path_factory):
     write_weights(
         folder / "policy.safetensors",
         senses,
-        build_actor(senses, torch.device("cpu")),
+        Actor(senses, senses.trunk(torch.device("cpu"))),
         values,
         "float32",
     )

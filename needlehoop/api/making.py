@@ -11,10 +11,9 @@ from needlehoop import rewards
 from needlehoop.config import strict
 from needlehoop.config.strict import Count, Seed
 from needlehoop.envs.settings import Settings, compose_settings
-from needlehoop.learning.agent import Actor
 from needlehoop.learning.evaluate import load_agent, told_policy, which_policy
 from needlehoop.learning.job import checked_job, pick_device
-from needlehoop.learning.networks import PolicySpec
+from needlehoop.learning.networks import Actor, PolicySpec
 from needlehoop.learning.subject import flown_job
 from needlehoop.learning.weights import read_actor, read_spec
 from needlehoop.runs.files import POLICIES

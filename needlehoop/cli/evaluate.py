@@ -15,8 +15,8 @@ from needlehoop.config import strict
 from needlehoop.config.strict import Count, Number, Seed
 
 if TYPE_CHECKING:
-    from needlehoop.learning.agent import Agent
     from needlehoop.learning.job import Job
+    from needlehoop.learning.networks import Agent
     from needlehoop.runs.run import Run
 
 _OF_POLICY = {"policy": str | None, "video_episodes": Count}

@@ -11,8 +11,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
-from needlehoop.learning.agent import Agent
-from needlehoop.learning.networks import Normalizer
+from needlehoop.learning.networks import Agent, Normalizer
 
 
 class Algorithm:
@@ -110,7 +109,7 @@ class MemoryAlgorithm(Algorithm):
         for seen in (frames, frames.get("next", {})) if shift else ():
             for name, image in seen.get("pixels", {}).items():
                 ways = torch.randint(-shift, shift + 1, (2, len(image)), generator=self._generator)
-                seen["pixels", name] = self.agent.fold.moved(image, *ways.to(image.device))
+                seen["pixels", name] = self.agent.actor.fold.moved(image, *ways.to(image.device))
         return frames
 
 

@@ -11,9 +11,9 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torch.nn import functional
 
-from needlehoop.learning.agent import ValueAgent
 from needlehoop.learning.algorithm import MemoryAlgorithm, step
 from needlehoop.learning.algorithm_config import DaggerConfig
+from needlehoop.learning.networks import ValueAgent
 from needlehoop.learning.transforms import EXPERT, LABEL, LEARNER
 
 _RAMP = 30
@@ -26,7 +26,7 @@ class Pupil(TensorDictModuleBase):
     def __init__(self, agent: ValueAgent):
         super().__init__()
         self.in_keys, self.out_keys = [*agent.seen_keys, EXPERT, LEARNER], ["action"]
-        self.trunk, self.head = agent.trunk, agent.gaussian
+        self.trunk, self.head = agent.actor.trunk, agent.actor.head
         self._seen = agent.seen_keys
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:

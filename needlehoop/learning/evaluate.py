@@ -18,9 +18,9 @@ from needlehoop.envs.controllers import Controller, MakeController, Outcome, run
 from needlehoop.envs.observer import Observer
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
-from needlehoop.learning.agent import Actor, Agent
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import build_agent
+from needlehoop.learning.networks import Actor, Agent
 from needlehoop.learning.weights import fitting, read_step, read_weights
 from needlehoop.pictures.film import record
 from needlehoop.rewards import reference_reward

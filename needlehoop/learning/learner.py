@@ -10,12 +10,11 @@ from typing import Any
 import torch
 from tensordict import TensorDictBase
 
-from needlehoop.learning.agent import Agent
 from needlehoop.learning.algorithm import Algorithm
 from needlehoop.learning.collecting import collector_of, flown_again
 from needlehoop.learning.dagger import Dagger
-from needlehoop.learning.encoder import convolution_dtype
 from needlehoop.learning.job import Job
+from needlehoop.learning.networks import Agent
 from needlehoop.learning.ppo import Ppo
 from needlehoop.learning.sac import Sac
 from needlehoop.learning.weights import fitting
@@ -153,5 +152,4 @@ def _by_worker(
 
 def build_agent(job: Job, device: torch.device) -> Agent:
     """An untrained agent of a job; needs no simulator."""
-    kind = ALGORITHMS[job.algo.kind].agent_class
-    return kind(job.spec, convolution_dtype(job.precision, device)).to(device)
+    return ALGORITHMS[job.algo.kind].agent_class(job.spec, device).to(device)

@@ -1,4 +1,4 @@
-"""The agent's networks beyond the encoders, and all that is needed to build a policy's."""
+"""Policies and agents: the networks beyond the encoders, and all that is needed to build them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from needlehoop.config.strict import Names, Range, shown
-from needlehoop.learning.encoder import Encoder, EncoderConfig, linear
+from needlehoop.learning.encoder import Encoder, EncoderConfig, Fold, convolution_dtype, linear
 from needlehoop.scene.image_size import ImageSize, sides
 
 
@@ -167,8 +167,9 @@ class PolicySpec:
         """What it reads of an environment, in order."""
         return [*(("pixels", name) for name in self.channels), *self.vectors]
 
-    def trunk(self, dtype: torch.dtype) -> Trunk:
-        """A new trunk, whose convolutions compute in ``dtype``."""
+    def trunk(self, device: torch.device) -> Trunk:
+        """A new trunk, in the numbers that suit a device."""
+        dtype = convolution_dtype(self.precision, device)
         return Trunk(self.images, self.vectors, self.encoder, self.network, dtype)
 
 
@@ -181,3 +182,45 @@ def check_same(have: PolicySpec, want: PolicySpec, what: str) -> None:
                 f"{what}: the agent's networks were made for {key} {shown(own)}, and this is"
                 f" {shown(other)}"
             )
+
+
+class Actor(nn.Module):
+    """The policy alone, on plain tensors. ``policy.safetensors`` holds it."""
+
+    def __init__(self, spec: PolicySpec, trunk: Trunk):
+        super().__init__()
+        self._images = len(trunk.encoders)
+        self.fold, self.trunk, self.head = Fold(spec.encoder.stem), trunk, Gaussian(spec)
+
+    def forward(self, *observed: Tensor, noise: Tensor | None = None) -> Tensor:
+        """Actions ``(..., action_size)`` of images ``(..., c, h, w)`` uint8, then vectors.
+
+        ``noise``: standard normal, to draw the actions as in training; ``None``: the mean.
+        """
+        images, vectors = observed[: self._images], observed[self._images :]
+        return self.head.act(self.trunk(*(self.fold(image) for image in images), *vectors), noise)
+
+
+class Agent(nn.Module):
+    """A policy; a method of training adds what it learns with."""
+
+    def __init__(self, spec: PolicySpec, trunk: Trunk):
+        super().__init__()
+        self.actor = Actor(spec, trunk)
+        self.seen_keys = spec.keys
+        """What the policy reads of an environment that folds its images."""
+        self.privileged_keys: list[Any] = [("facts", name) for name in spec.network.told or ()]
+        """Facts that only the value function reads."""
+        self.in_keys = [*self.seen_keys, *self.privileged_keys]
+
+
+class ValueAgent(Agent):
+    """A policy and a value function, over one trunk or over one each."""
+
+    def __init__(self, spec: PolicySpec, device: torch.device):
+        trunk = spec.trunk(device)
+        own = None if spec.network.shared else spec.trunk(device)
+        super().__init__(spec, trunk)
+        self.value_trunk = own
+        """``None``: the value function reads the policy's."""
+        self.value = Value(spec.network.hidden, len(self.privileged_keys))

@@ -13,8 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from needlehoop.learning.agent import Actor
-from needlehoop.learning.networks import PolicySpec
+from needlehoop.learning.networks import Actor, PolicySpec
 
 PRECISION = "fp32"
 """What a policy in an ONNX file computes in, because few runtimes have bfloat16 on a CPU."""

@@ -7,14 +7,15 @@ from typing import Any
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import TensorDictSequential
+from tensordict.nn import TensorDictModule, TensorDictSequential
 from torch import Tensor
+from torchrl.modules import IndependentNormal, ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
-from needlehoop.learning.agent import ValueAgent
 from needlehoop.learning.algorithm import Algorithm, step
 from needlehoop.learning.algorithm_config import PpoConfig
+from needlehoop.learning.networks import ValueAgent
 
 _LEARNING_RATE_END = 1e-10
 """ML-Agents' floor of the linear schedule."""
@@ -41,7 +42,7 @@ class Ppo(Algorithm):
 
     def __init__(self, agent: ValueAgent, config: PpoConfig, updates: int, seed: int):
         super().__init__(agent, config, updates, seed)
-        self._common, head, self._value = agent.torchrl()
+        self._common, head, self._value = _modules(agent)
         self.policy = TensorDictSequential(self._common, head, self._value)
         # Standardised once per buffer, not per minibatch.
         self._gae = GAE(gamma=config.gamma, lmbda=config.lam, value_network=None, average_gae=True)
@@ -129,3 +130,23 @@ def _explained_variance(values: Tensor, targets: Tensor) -> float:
     """Share of the targets' variance that the values explain; NaN for constant targets."""
     variance = targets.var()
     return float(1 - (targets - values).var() / variance) if variance > 0 else float("nan")
+
+
+def _modules(agent: ValueAgent) -> tuple[Any, Any, Any]:
+    """What comes before both heads, the policy's head, and the value's, for TorchRL."""
+    trunks = {"hidden": agent.actor.trunk}
+    if agent.value_trunk is not None:
+        trunks["hidden_of_value"] = agent.value_trunk
+    common: list[Any] = [
+        TensorDictModule(trunk, agent.seen_keys, [name]) for name, trunk in trunks.items()
+    ]
+    given: Any = TensorDictModule(agent.actor.head, ["hidden"], ["loc", "scale"])
+    policy = ProbabilisticActor(
+        given,
+        in_keys=["loc", "scale"],
+        distribution_class=IndependentNormal,
+        return_log_prob=True,
+    )
+    inputs = [[*trunks][-1], *agent.privileged_keys]
+    value = TensorDictModule(agent.value, inputs, ["state_value"])
+    return TensorDictSequential(*common), policy, value

@@ -11,11 +11,10 @@ from torch import Tensor, nn
 from torchrl.modules import ProbabilisticActor, TanhNormal
 from torchrl.objectives import SACLoss, SoftUpdate
 
-from needlehoop.learning.agent import Agent
 from needlehoop.learning.algorithm import MemoryAlgorithm, step
 from needlehoop.learning.algorithm_config import SacConfig
 from needlehoop.learning.encoder import linear
-from needlehoop.learning.networks import Gaussian, HeadConfig, PolicySpec, dense
+from needlehoop.learning.networks import Agent, HeadConfig, PolicySpec, dense
 
 
 class ActionValue(nn.Module):
@@ -32,10 +31,9 @@ class ActionValue(nn.Module):
 class SacAgent(Agent):
     """A policy, and two critics that read the features of its encoders."""
 
-    def __init__(self, spec: PolicySpec, dtype: torch.dtype):
-        super().__init__(spec, dtype)
-        self.trunk, self.gaussian = spec.trunk(dtype), Gaussian(spec)
-        size = self.trunk.size + len(self.privileged_keys) + spec.actions
+    def __init__(self, spec: PolicySpec, device: torch.device):
+        super().__init__(spec, spec.trunk(device))
+        size = self.actor.trunk.size + len(self.privileged_keys) + spec.actions
         self.critics = nn.ModuleList(ActionValue(size, spec.network) for _ in range(2))
 
 
@@ -50,16 +48,11 @@ class Sac(MemoryAlgorithm):
 
     def __init__(self, agent: SacAgent, config: SacConfig, updates: int, seed: int):
         super().__init__(agent, config, updates, seed)
-        trunk = agent.trunk
-        self._see = TensorDictModule(trunk.see, in_keys=agent.seen_keys, out_keys=["features"])
-        given: Any = TensorDictModule(
-            nn.Sequential(trunk.layers, agent.gaussian), ["features"], ["loc", "scale"]
-        )
-        head = ProbabilisticActor(given, ["loc", "scale"], distribution_class=TanhNormal)
+        trunk, gaussian = agent.actor.trunk, agent.actor.head
+        self._see = TensorDictModule(trunk.see, agent.seen_keys, ["features"])
+        head = _drawn(nn.Sequential(trunk.layers, gaussian), "features")
         seeing: Any = TensorDictModule(trunk, agent.seen_keys, ["hidden"])
-        acting: Any = TensorDictModule(agent.gaussian, ["hidden"], ["loc", "scale"])
-        drawing: Any = ProbabilisticActor(acting, ["loc", "scale"], distribution_class=TanhNormal)
-        self.policy = TensorDictSequential(seeing, drawing)
+        self.policy = TensorDictSequential(seeing, _drawn(gaussian, "hidden"))
         inputs: list[Any] = ["features", *agent.privileged_keys, "action"]
         critics = [TensorDictModule(q, inputs, ["state_action_value"]) for q in agent.critics]
         self._loss: Any = SACLoss(
@@ -68,7 +61,7 @@ class Sac(MemoryAlgorithm):
             num_qvalue_nets=2,
             loss_function="l2",
             alpha_init=config.alpha,
-            target_entropy=-float(agent.gaussian.mean.out_features),
+            target_entropy=-float(gaussian.mean.out_features),
             # For two networks a loop is as fast.
             deactivate_vmap=True,
         ).to(self.device)
@@ -76,7 +69,7 @@ class Sac(MemoryAlgorithm):
         self._targets = SoftUpdate(self._loss, tau=config.tau)
         weights = self._loss.qvalue_network_params.values(True, True)
         self._adam([*weights, *trunk.encoders.parameters()], "critics")
-        self._adam([*trunk.layers.parameters(), *agent.gaussian.parameters()], "actor")
+        self._adam([*trunk.layers.parameters(), *gaussian.parameters()], "actor")
         self._adam([self._loss.log_alpha], "alpha")
 
     def _kept(self, buffer: TensorDictBase) -> TensorDictBase:
@@ -104,7 +97,7 @@ class Sac(MemoryAlgorithm):
             "loss_alpha": alpha,
             "entropy": entropy.mean(),
             "alpha": self._loss.log_alpha.exp(),
-            "sigma": self.agent.gaussian.log_sigma.exp().mean(),
+            "sigma": self.agent.actor.head.log_sigma.exp().mean(),
         }
         return {name: one.detach() for name, one in reported.items()}
 
@@ -114,3 +107,9 @@ class Sac(MemoryAlgorithm):
     def load_state_dict(self, state: dict[str, Any]) -> None:
         super().load_state_dict(state)
         self._loss.load_state_dict(state["loss"])
+
+
+def _drawn(gaussian: nn.Module, key: str) -> Any:
+    """Draws actions from what a policy's head makes of ``key``."""
+    given: Any = TensorDictModule(gaussian, [key], ["loc", "scale"])
+    return ProbabilisticActor(given, ["loc", "scale"], distribution_class=TanhNormal)

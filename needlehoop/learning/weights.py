@@ -22,8 +22,7 @@ from safetensors.torch import load_file, save
 
 from needlehoop.config import strict
 from needlehoop.config.strict import Range
-from needlehoop.learning.agent import Actor, build_actor
-from needlehoop.learning.networks import PolicySpec
+from needlehoop.learning.networks import Actor, PolicySpec
 from needlehoop.runs.files import write_whole
 
 Steps = Annotated[int, Range(0, 10**15)]
@@ -71,7 +70,7 @@ def read_spec(path: Path) -> PolicySpec:
 
 def read_actor(path: Path, spec: PolicySpec, device: torch.device) -> Actor:
     """The trained policy of a file; errors as in ``read_spec``."""
-    actor = build_actor(spec, device)
+    actor = Actor(spec, spec.trunk(device))
     read_weights(path, actor)
     return actor.to(device)
 

@@ -236,7 +236,7 @@ def test_evaluations_say_how_the_sampled_policy_does(tiny_run):
     mean = evaluating.evaluate(own, agent, 2)
     assert not torch.equal(few.human, mean.human)
     with torch.no_grad():
-        agent.gaussian.log_sigma.fill_(-30.0)
+        agent.actor.head.log_sigma.fill_(-30.0)
     assert torch.allclose(evaluating.evaluate(own, agent, 2, sampled=True).human, mean.human)
     rows = table(tiny_run / "evaluations.csv")
     assert all(0 <= float(row["success_sampled"]) <= 1 for row in rows)

@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[2]
 HEAVY = (
     *("tensordict", "torchrl", "torch._dynamo", "mujoco", "mujoco_warp", "warp", "dm_control"),
     *("pytorch_kinematics", "matplotlib", "scipy.stats", "wandb", "imageio"),
-    *("needlehoop.learning.agent", "needlehoop.engines.engine", "needlehoop.engines.tracer"),
+    *("needlehoop.learning.learner", "needlehoop.engines.engine", "needlehoop.engines.tracer"),
 )
 """What takes seconds to import, or brings it along."""
 

@@ -8,9 +8,8 @@ from tensordict import TensorDict
 from torch.nn.functional import pixel_unshuffle
 
 from needlehoop.config import composing, strict
-from needlehoop.learning.agent import ValueAgent
 from needlehoop.learning.encoder import Encoder, EncoderConfig, Fold
-from needlehoop.learning.networks import HeadConfig, Normalizer, PolicySpec, Trunk
+from needlehoop.learning.networks import HeadConfig, Normalizer, PolicySpec, ValueAgent
 
 ENCODERS = sorted(file.stem for file in (composing.CONF / "encoder").glob("*.yaml"))
 SMALL = EncoderConfig(name="small", stem=2, channels=(4, 6), blocks=1)
@@ -26,7 +25,7 @@ def make_agent(cameras: dict[str, int], vectors: dict[str, int], **heads) -> Val
     """An agent of cameras with so many channels, and of vectors so long."""
     torch.manual_seed(0)
     own = PolicySpec(cameras, 16, vectors, SMALL, replace(HEADS, **heads), "tool", 5, "fp32")
-    return ValueAgent(own, torch.float32)
+    return ValueAgent(own, torch.device("cpu"))
 
 
 def observed(n: int, cameras: dict[str, int], vectors: dict[str, int]) -> TensorDict:
@@ -39,12 +38,12 @@ def observed(n: int, cameras: dict[str, int], vectors: dict[str, int]) -> Tensor
 
 def said(agent: ValueAgent, seen: TensorDict) -> tuple[torch.Tensor, ...]:
     """Mean, deviation and value of an observation."""
-    folded = seen.clone()
-    for name, image in seen["pixels"].items():
-        folded["pixels", name] = agent.fold(image)
-    common, head, value = agent.torchrl()
-    found = value(head.module[0](common(folded.select(*agent.in_keys))))
-    return found["loc"], found["scale"], found["state_value"]
+    fold, trunk = agent.actor.fold, agent.actor.trunk
+    read = [fold(seen[key]) if key[0] == "pixels" else seen[key] for key in agent.seen_keys]
+    hidden = trunk(*read)
+    of_value = hidden if agent.value_trunk is None else agent.value_trunk(*read)
+    facts = [seen[key] for key in agent.privileged_keys]
+    return *agent.actor.head(hidden), agent.value(of_value, *facts)
 
 
 @pytest.mark.parametrize("stem", [1, 4])
@@ -143,8 +142,7 @@ def test_a_value_function_of_its_own_leaves_the_policy_alone():
         said(apart, seen)[output].square().sum().backward()
         grads = [
             [parameter.grad for parameter in trunk.parameters()]
-            for trunk in apart.modules()
-            if isinstance(trunk, Trunk)
+            for trunk in (apart.actor.trunk, apart.value_trunk)
         ]
         assert all(grad is not None for grad in grads[moved])
         assert all(grad is None for grad in grads[1 - moved])
@@ -161,4 +159,3 @@ def test_a_privileged_fact_moves_the_value_and_not_the_policy():
         assert torch.equal(value_after, value) != moves
     # The policy alone needs no fact.
     assert torch.equal(agent.actor(seen["pixels", "rgb_a"]), loc)
-    assert not [name for name in agent.state_dict() if "actor" in name]

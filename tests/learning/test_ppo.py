@@ -9,10 +9,9 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Composite, Unbounded
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from needlehoop.learning.agent import ValueAgent
 from needlehoop.learning.algorithm_config import PpoConfig
 from needlehoop.learning.encoder import EncoderConfig
-from needlehoop.learning.networks import HeadConfig, Normalizer, PolicySpec
+from needlehoop.learning.networks import HeadConfig, Normalizer, PolicySpec, ValueAgent
 from needlehoop.learning.ppo import Ppo
 
 ENCODER = EncoderConfig(name="small", stem=2, channels=(2, 2), blocks=1)
@@ -38,7 +37,7 @@ VALUES = {
 def make_agent(seed: int = 0, heads: HeadConfig = HEADS) -> ValueAgent:
     torch.manual_seed(seed)
     spec = PolicySpec({}, 8, {"signals": 4}, ENCODER, heads, "tool", 2, "fp32")
-    return ValueAgent(spec, torch.float32)
+    return ValueAgent(spec, torch.device("cpu"))
 
 
 def make_ppo(agent: ValueAgent, updates: int = 4, seed: int = 0, **changed) -> Ppo:
@@ -78,8 +77,7 @@ def make_buffer(
 
 
 def outputs(agent: ValueAgent, seen: TensorDictBase) -> TensorDictBase:
-    common, head, value = agent.torchrl()
-    return value(head(common(seen.select(*agent.in_keys))))
+    return make_ppo(agent).policy(seen.select(*agent.in_keys))
 
 
 def values_of(agent: ValueAgent, seen: TensorDictBase) -> torch.Tensor:

@@ -323,7 +323,7 @@ def test_a_run_begins_with_another_runs_agent(imitated, tmp_path, monkeypatch):
     run_train(*words, "results=.", "until=128")
     assert {name.partition(".")[0] for name in changed()} == {"value"}
     run_train(f"resume={run}")
-    assert "gaussian.mean.weight" in changed()
+    assert "actor.head.mean.weight" in changed()
     # The schedule's thirds; gently, once the policy moves.
     rates = [float(row["learning_rate"]) for row in table(run / "metrics.csv")]
     assert rates == pytest.approx([3e-4, 2e-4, 1e-5])
