@@ -21,9 +21,8 @@ from needlehoop.envs.controllers import (
     controller,
     rollout,
 )
-from needlehoop.envs.observer import read
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import Simulation
+from needlehoop.envs.simulation import Simulation, read
 from needlehoop.tasks.contract import Task
 
 PERTURBED = "perturbed"

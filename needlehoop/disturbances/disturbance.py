@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import mujoco
@@ -142,10 +142,6 @@ class Disturbance:
         if self._sensors is not None:
             self._sensors.set(rows, **flaws({key: fresh[key] for key in _SENSORS}))
 
-    def _of(self, ids: Tensor, keys: Sequence[str]) -> dict[str, Drawn]:
-        """What environments drew for some axes."""
-        return {key: Drawn(*(one[ids] for one in self._drawn[key])) for key in keys}
-
     def _rows(self, ids: Tensor | None) -> Tensor:
         return torch.arange(len(self._levels), device=self._device) if ids is None else ids
 
@@ -226,7 +222,7 @@ class Disturbance:
             return images
         rows, last = self._rows(ids), self._pictures
         steps = self._numbers["steps"][rows]
-        late, *fails = self._of(rows, _DELIVERY).values()
+        late, *fails = (Drawn(*(one[rows] for one in self._drawn[key])) for key in _DELIVERY)
         old = torch.minimum(late.amount[..., 0].long(), steps[:, None])
         frozen, black = (failing(one, steps, len(self._views), self._max_steps) for one in fails)
         found = {}

@@ -72,8 +72,7 @@ class Perturbation:
     ):
         self._strongest, self._generator = strongest, generator
         self.drift = torch.zeros(num_envs, size, dtype=torch.float64, device=device)
-        self.strength = torch.zeros(num_envs, 1, dtype=torch.float64, device=device)
-        self.begin(torch.ones(num_envs, dtype=torch.bool, device=device))
+        self.strength = self._strongest * self._draw(num_envs, 1)
 
     def begin(self, mask: Tensor) -> None:
         """Draw a new strength, and forget the noise, where ``mask`` ``(n,)`` is true."""
@@ -137,7 +136,7 @@ def batches(settings: Settings, episodes: int, size: int) -> Iterator[Simulation
 
 @dataclass(frozen=True)
 class Outcome:
-    """How episodes ended, ``(n,)`` each, at each episode's own last step."""
+    """How episodes ended, ``(n,)`` each, on the CPU, at each episode's own last step."""
 
     facts: dict[str, Tensor]
     """What was true, by the names of ``Task.columns``."""
@@ -149,11 +148,6 @@ class Outcome:
     @property
     def success(self) -> Tensor:
         return self.facts["success"]
-
-    def cpu(self) -> Outcome:
-        """The same on the CPU."""
-        rest = (one.cpu() for one in (self.potential, self.human, self.steps))
-        return Outcome({name: fact.cpu() for name, fact in self.facts.items()}, *rest)
 
     def summary(self) -> dict[str, float | int]:
         """Rates over episodes, mean final potential (the return) and mean length."""
@@ -170,7 +164,7 @@ class Outcome:
 
 def run_batches(settings: Settings, episodes: int, size: int, make: MakeController) -> Outcome:
     """The outcome of one episode in each of ``episodes`` environments; see ``batches``."""
-    parts = [outcome_of(one, make(one)).cpu() for one in batches(settings, episodes, size)]
+    parts = [outcome_of(one, make(one)) for one in batches(settings, episodes, size)]
     facts = {name: torch.cat([one.facts[name] for one in parts]) for name in parts[0].facts}
     rest = ("potential", "human", "steps")
     return Outcome(facts, *(torch.cat([getattr(one, name) for one in parts]) for name in rest))
@@ -189,6 +183,7 @@ def outcome_of(simulation: Simulation, controller: Controller) -> Outcome:
             "steps": moment.steps,
         }
         last = {k: torch.where(step.alive, v, last[k]) if last else v for k, v in now.items()}
+    last = {name: value.cpu() for name, value in last.items()}
     facts = {name: last.pop(name) for name in columns}
     return Outcome(facts, **last)
 

@@ -17,9 +17,8 @@ from dm_env import specs
 
 from needlehoop.engines.dm_control import DmControlEngine, Physics
 from needlehoop.envs.build import build
-from needlehoop.envs.observer import Observer
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import Simulation, StepResult
+from needlehoop.envs.simulation import Observer, Simulation, StepResult
 from needlehoop.scene.image_size import sides
 
 
@@ -32,19 +31,6 @@ class DmControlTask(control.Task):
     def __init__(self, simulation: Simulation):
         self.simulation, self._settings = simulation, simulation.settings
         self._observer = Observer(simulation)
-        seeds = np.random.SeedSequence(self._settings.seed)
-        self._generator = np.random.RandomState(np.random.MT19937(seeds))
-
-    @property
-    def _random(self) -> np.random.RandomState:
-        """dm_control's own tasks draw from it; here only its seed counts."""
-        return self._generator
-
-    @_random.setter
-    def _random(self, generator: np.random.RandomState) -> None:
-        # Shimmy's `reset(seed=)` seeds one with a number, which numpy puts first in its state.
-        self._generator = generator
-        self.simulation.reseed(int(generator.get_state(legacy=False)["state"]["key"][0]))
 
     def initialize_episode(self, physics: Physics) -> None:
         self.moment = self.simulation.reset()

@@ -64,6 +64,7 @@ class Settings:
     task_dir: str | None = None
     """Folder of a task from outside the package."""
     disturb: Disturb = field(default_factory=Disturb)
+    """None by default, as in runs in results/ from before there were any."""
 
     def __post_init__(self) -> None:
         check_names("obs.told", self.obs.told, self.definition.told)
@@ -164,6 +165,4 @@ def with_task(values: Mapping[str, Any]) -> dict[str, Any]:
         if one.get("colour") == "flat" and not one.get("colours"):
             colours = {thing: flat.colour for thing, flat in task.paint.items()}
             renderings[name] = {**one, "colours": colours}
-    # Runs from before there were disturbances name none.
-    own = {"task": layout, "episode": rules, "renderings": renderings}
-    return {"disturb": Disturb(), **values, **own}
+    return {**values, "task": layout, "episode": rules, "renderings": renderings}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -13,9 +13,8 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from needlehoop.envs.build import build
-from needlehoop.envs.observer import Observer
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import StepResult
+from needlehoop.envs.simulation import Observer, StepResult
 from needlehoop.scene.image_size import sides
 
 
@@ -57,35 +56,35 @@ class TorchRLEnv(EnvBase):
         self._is_restored, self._taken = False, 0
         n = settings.num_envs
         super().__init__(device=self.simulation.device, batch_size=torch.Size([n]))
-        (width, height), episode = sides(settings.image_size), settings.episode
-        column = torch.Size((n, 1))
-        self.action_spec = Bounded(
-            -1.0, 1.0, shape=torch.Size((n, episode.action_size)), dtype=torch.float32
-        )
-        self.reward_spec = Unbounded(shape=column)
         self.moment = moment = self.simulation.reset()
         """What is known now; the signals among it are the whole state."""
         # Reading the names consumed each environment's first episode: give it back.
         self.simulation.reseed(settings.seed)
-        observed = Composite(shape=(n,))
-        if settings.cameras:
-            pixels = Composite(shape=(n,))
-            for name, channels in settings.image_channels.items():
-                shape = torch.Size((n, channels, height, width))
-                pixels[name] = Bounded(0, 255, shape=shape, dtype=torch.uint8)
-            observed["pixels"] = pixels
+
+        def group(names: Iterable[str], kind: Callable[[], Any]) -> Composite:
+            return Composite({name: kind() for name in names}, shape=(n,))
+
+        def number(dtype: torch.dtype = torch.float32) -> Unbounded:
+            return Unbounded(shape=torch.Size((n, 1)), dtype=dtype)
+
+        def flag() -> Binary:
+            return Binary(1, shape=torch.Size((n, 1)), dtype=torch.bool)
+
+        width, height = sides(settings.image_size)
+        pixels = Composite(shape=(n,))
+        for name, channels in settings.image_channels.items():
+            shape = torch.Size((n, channels, height, width))
+            pixels[name] = Bounded(0, 255, shape=shape, dtype=torch.uint8)
+        observed = Composite({"pixels": pixels} if settings.cameras else {}, shape=(n,))
         for name, length in settings.vectors.items():
             observed[name] = Unbounded(shape=torch.Size((n, length)))
-        facts, terms, ends = (Composite(shape=(n,)) for _ in range(3))
-        for flags, names in ((facts, moment.facts), (ends, ("done", "terminated", "truncated"))):
-            for name in names:
-                flags[name] = Binary(1, shape=column, dtype=torch.bool)
-        for name in moment.terms:
-            terms[name] = Unbounded(shape=column)
-        observed["facts"], observed["terms"] = facts, terms
-        observed["potential"] = Unbounded(shape=column)
-        observed["steps"] = Unbounded(shape=column, dtype=torch.int64)
-        self.observation_spec, self.done_spec = observed, ends
+        observed["facts"] = group(moment.facts, flag)
+        observed["terms"] = group(moment.terms, number)
+        observed["potential"], observed["steps"] = number(), number(torch.int64)
+        self.observation_spec, self.reward_spec = observed, number()
+        self.done_spec = group(("done", "terminated", "truncated"), flag)
+        size = torch.Size((n, settings.episode.action_size))
+        self.action_spec = Bounded(-1.0, 1.0, shape=size, dtype=torch.float32)
 
     def state_dict(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
         """Everything that decides what comes next, as tensors."""
@@ -101,8 +100,8 @@ class TorchRLEnv(EnvBase):
         The next full reset begins no episode: it returns those under way as they stood.
         """
         self.simulation.restore(state_dict["simulation"])
-        pixels = dict(state_dict.get("pixels", {}))
-        self._observer.pixels = {name: one.to(self.device) for name, one in pixels.items()}
+        kept = state_dict["pixels"].items()
+        self._observer.pixels = {name: one.to(self.device) for name, one in kept}
         self._taken = int(state_dict["taken"])
         self._is_restored = True
 

@@ -14,9 +14,8 @@ from torch import Tensor
 
 from needlehoop.config.strict import check_names
 from needlehoop.envs.build import build
-from needlehoop.envs.observer import Observer
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import StepResult
+from needlehoop.envs.simulation import Observer, StepResult
 from needlehoop.pictures.stills import Photographer
 from needlehoop.scene.image_size import sides
 

@@ -15,9 +15,8 @@ from torch import Tensor
 from needlehoop.config.strict import check_names
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import Controller, MakeController, Outcome, run_batches
-from needlehoop.envs.observer import Observer
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import Simulation
+from needlehoop.envs.simulation import Observer, Simulation
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import build_agent
 from needlehoop.learning.networks import Actor, Agent

@@ -60,14 +60,6 @@ def test_depth_shading_keeps_the_classes_and_darkens_what_is_far(shown):
     assert len(shaded[:, 2][robot].unique()) > 8
 
 
-def test_depth_alone_is_an_option():
-    overrides = ["cams=[dep_front]", "renderings.dep.colour=none", "num_envs=1"]
-    settings = compose_settings(overrides)
-    simulation = build(settings)
-    simulation.reset()
-    assert simulation.images()["dep_front"].shape == (1, 1, 64, 64)
-
-
 def test_views_stand_where_they_say():
     settings = compose_settings()
     place = {name: pose_of(view)[0] - view.target for name, view in settings.views.items()}

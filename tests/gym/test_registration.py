@@ -29,10 +29,8 @@ def test_every_task_has_its_id():
     ("name", "task", "option"),
     [
         ("NeedleHoop", None, "standard"),
-        ("NeedleHoop", "wide", "wide"),
         ("Reach", "wide", "reach/wide"),
         ("PegTransfer", "peg_transfer/near", "peg_transfer/near"),
-        ("Handover", "wide", "handover/wide"),
     ],
 )
 def test_an_id_is_of_a_task_and_takes_its_variants(name, task, option):
