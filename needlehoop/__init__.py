@@ -133,8 +133,7 @@ def load_policy(
     Args:
         run: the run's folder, or a ``policy.safetensors`` alone; by default the shipped agent's.
         device: ``auto``, ``cpu``, ``cuda`` or ``cuda:<k>``.
-        policy: ``last`` or ``best``, see ``keep=``; by default the last, or the best where the run
-            kept no other.
+        policy: ``last`` or ``best``; by default the last, or the best where there is no other.
 
     Raises:
         ValueError: no trained policy there.

@@ -19,7 +19,7 @@ from needlehoop.cli.main import main
 from needlehoop.learning.encoder import EncoderConfig
 from needlehoop.learning.job import typed_job
 from needlehoop.learning.networks import Actor, HeadConfig, PolicySpec
-from needlehoop.learning.weights import write_weights
+from needlehoop.learning.policy import write_weights
 from needlehoop.tasks.needle_hoop import TASK
 
 EVIL = {

@@ -14,8 +14,8 @@ from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.learning.evaluate import load_agent, told_policy, which_policy
 from needlehoop.learning.job import checked_job, pick_device
 from needlehoop.learning.networks import Actor, PolicySpec
+from needlehoop.learning.policy import read_actor, read_spec
 from needlehoop.learning.subject import flown_job
-from needlehoop.learning.weights import read_actor, read_spec
 from needlehoop.runs.files import POLICIES
 from needlehoop.runs.run import Run
 

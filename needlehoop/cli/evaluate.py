@@ -126,9 +126,7 @@ def watch(options: argparse.Namespace) -> None:
 
 
 @command(
-    argument(
-        "who", metavar="WHO", help="a run's folder, a policy.safetensors, or expert, smooth, …"
-    ),
+    argument("who", metavar="WHO", help="a run's folder, or expert, smooth, …"),
     KEYS,
     config="stress",
 )

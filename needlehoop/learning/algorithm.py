@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import torch
@@ -11,7 +12,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
-from needlehoop.learning.networks import Agent, Normalizer
+from needlehoop.learning.networks import Agent, Normalizer, PolicySpec
 
 
 class Algorithm:
@@ -21,7 +22,7 @@ class Algorithm:
     the minibatches.
     """
 
-    agent_class: ClassVar[type[Agent]]
+    agent_class: ClassVar[Callable[[PolicySpec, torch.device], Agent]]
     policy: TensorDictModuleBase
     """Acts in the environments."""
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 from needlehoop.config import strict
 from needlehoop.config.strict import Count, Number, OneOf, Positive, Range, Share
@@ -20,27 +20,12 @@ class AlgorithmConfig:
     """Selects the algorithm."""
     horizon: Annotated[int, Range(1, 100_000)]
     """Steps of each environment per buffer; of PPO also those that an advantage looks ahead."""
+    buffer: Count | None = None
+    """Steps of all environments that are collected before they are learnt from; ``None``: one
+    horizon of each."""
     minibatch: Count
     learning_rate: Annotated[float, Range(0.0, 10.0, above=True)]
     network: HeadConfig
-
-    imitates: ClassVar[bool] = False
-    """Whether an expert teaches, and not a reward."""
-    stagger: ClassVar[bool] = False
-    """Whether a first buffer is to show episodes at every stage."""
-
-    @property
-    def frames(self) -> int:
-        """Frames that are kept beside the buffer."""
-        return 0
-
-    def of_new_agent(self) -> AlgorithmConfig:
-        """The same for an agent that has learnt nothing yet."""
-        return self
-
-    def steps(self, num_envs: int) -> int:
-        """Steps of a buffer, over all environments."""
-        return num_envs * self.horizon
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,18 +50,6 @@ class PpoConfig(AlgorithmConfig):
     """Buffers at the start of a run with ``init=`` in which only the value function learns."""
     finetune: Annotated[float, Range(0.0, 1.0, above=True)] = 1.0
     """Share of the learning rate with which its policy learns afterwards."""
-    buffer: Count | None = None
-    """Steps of all environments that are collected before they are learnt from; ``None``: one
-    horizon of each."""
-
-    stagger: ClassVar[bool] = True
-
-    def of_new_agent(self) -> PpoConfig:
-        # It has nothing to lose.
-        return replace(self, warmup=0, finetune=1.0)
-
-    def steps(self, num_envs: int) -> int:
-        return super().steps(num_envs) if self.buffer is None else self.buffer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,10 +64,6 @@ class MemoryConfig(AlgorithmConfig):
     """Most pixels by which an image is moved, up or down and to a side, whenever it is learnt
     from."""
 
-    @property
-    def frames(self) -> int:
-        return self.memory
-
 
 @dataclass(frozen=True, kw_only=True)
 class DaggerConfig(MemoryConfig):
@@ -108,8 +77,6 @@ class DaggerConfig(MemoryConfig):
     handover: Positive
     """Share of the steps after which the learner acts in every new episode. Before, its part of
     the episodes grows."""
-
-    imitates: ClassVar[bool] = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,23 +94,17 @@ class SacConfig(MemoryConfig):
         if not self.network.squash:
             raise ValueError("algo.network.squash: SAC's actions are squashed; choose true")
 
-    @property
-    def frames(self) -> int:
-        # What is seen before a step and after it.
-        return 2 * self.memory
-
 
 CONFIGS = {PPO: PpoConfig, DAGGER: DaggerConfig, SAC: SacConfig}
 """By ``algo.kind``."""
 
-_GONE = {"shards", "jaw"}
-"""Keys of runs from before, which decide nothing any more."""
-
 
 def config_of(values: Any) -> AlgorithmConfig:
-    """The group ``algo`` of a composed config; a run from before there were several is PPO's."""
+    """The group ``algo`` of a composed config."""
     given = strict.structure(values, Mapping[str, Any], "algo")
+    # Runs in results/ from before there were several methods are PPO's.
     kind = given.get("kind", PPO)
     strict.check_names("algo.kind", [kind], [*CONFIGS])
-    own = {key: value for key, value in given.items() if key not in _GONE}
+    # Keys of theirs that decide nothing any more.
+    own = {key: value for key, value in given.items() if key not in ("shards", "jaw")}
     return strict.structure(own, CONFIGS[kind], "algo")

@@ -1,11 +1,18 @@
-"""The environments of a training, and TorchRL's collectors that fill its buffers."""
+"""The environments of a training, and TorchRL's collectors that fill its buffers.
+
+On this machine, or on several by Ray (``needlehoop[ray]``).
+"""
 
 from __future__ import annotations
 
+import os
 import pickle
 import signal
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterator, Sequence
+from copy import deepcopy
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import torch
@@ -17,7 +24,7 @@ from torchrl.envs import Compose, EnvBase, TransformedEnv
 
 from needlehoop import rewards
 from needlehoop.envs.torchrl_env import TorchRLEnv
-from needlehoop.learning.algorithm_config import DaggerConfig
+from needlehoop.learning.algorithm_config import DaggerConfig, PpoConfig
 from needlehoop.learning.job import Job
 from needlehoop.learning.transforms import Carry, FoldPixels, Teacher
 from needlehoop.tasks import registry
@@ -52,7 +59,8 @@ class MakeEnv:
         own = replace(
             env, num_envs=self._count, engine=engine, reward=rewards.with_function(env.reward)
         )
-        base = TorchRLEnv(own, self._first, algo.stagger, job.steps // env.num_envs)
+        stagger = isinstance(algo, PpoConfig)
+        base = TorchRLEnv(own, self._first, stagger, job.steps // env.num_envs)
         changes: list[Any] = [FoldPixels(job.encoder.stem, list(env.image_channels)), Carry()]
         if isinstance(algo, DaggerConfig):
             changes.append(Teacher(own, algo.noise, algo.handover, seed))
@@ -66,32 +74,40 @@ def collector_of(job: Job, policy: TensorDictModuleBase, device: torch.device) -
     if engine.kind == "warp":
         # A device steps all environments at once, in the process that learns.
         parts = [job.env.num_envs]
-    firsts = [sum(parts[:i]) for i in range(len(parts))]
     makers = [
-        MakeEnv(job, first, count, max(1, cores // len(parts)))
-        for first, count in zip(firsts, parts, strict=True)
+        MakeEnv(job, sum(parts[:at]), count, max(1, cores // len(parts)))
+        for at, count in enumerate(parts)
     ]
     if job.collector.kind == "ray":
-        # Ray is an extra.
-        from needlehoop.learning.ray_buffers import RayBuffers
-
         return RayBuffers(makers, policy, job.buffer, device)
     shared: dict[str, Any] = {
         "env_device": engine.device,
         "policy_device": device,
+        "storing_device": device,
         "total_frames": -1,
+        "auto_register_policy_transforms": False,
     }
-    shared |= {"storing_device": device, "auto_register_policy_transforms": False}
     if len(parts) == 1:
-        # On a GPU, the same memory again would put the learner on the collector's stream.
-        same = device.type == "cpu"
-        own = {"frames_per_batch": job.buffer, "track_traj_ids": False, "return_same_td": same}
-        return Collector(makers[0](), policy, **own, **shared)
+        return Collector(
+            makers[0](),
+            policy,
+            frames_per_batch=job.buffer,
+            track_traj_ids=False,
+            # On a GPU, the same memory again would put the learner on the collector's stream.
+            return_same_td=device.type == "cpu",
+            **shared,
+        )
     steps = job.buffer // job.env.num_envs
-    own: dict[str, Any] = {"frames_per_batch": [count * steps for count in parts]}
-    # This process learns on all cores while the workers wait.
-    own |= {"cat_results": 0, "use_buffers": True, "num_threads": cores}
-    return MultiSyncCollector(makers, policy, **own, **shared)
+    return MultiSyncCollector(
+        makers,
+        policy,
+        frames_per_batch=[count * steps for count in parts],
+        cat_results=0,
+        use_buffers=True,
+        # This process learns on all cores while the workers wait.
+        num_threads=cores,
+        **shared,
+    )
 
 
 def flown_again(job: Job, flown: Tensor) -> Iterator[TensorDictBase]:
@@ -107,3 +123,95 @@ def flown_again(job: Job, flown: Tensor) -> Iterator[TensorDictBase]:
         buffer: Any = torch.stack(steps, 1)
         yield buffer
     env.close()
+
+
+class _Worker(Collector):
+    """Ray asks whether an actor is true, which would call ``len`` of an endless collector."""
+
+    def __bool__(self) -> bool:
+        return True
+
+
+class RayBuffers:
+    """Buffers ``(num_envs, horizon)`` of workers that share the environments equally.
+
+    The cluster is that of ``RAY_ADDRESS``, or else a new one on this machine. Each worker acts on
+    a CPU, whatever the learner's device. ``steps``: of a buffer, over all environments.
+
+    Raises:
+        ValueError: Ray is not installed, or its cluster has fewer CPUs than workers.
+    """
+
+    def __init__(
+        self,
+        makers: Sequence[MakeEnv],
+        policy: TensorDictModuleBase,
+        steps: int,
+        device: torch.device,
+    ):
+        # Ray would start a second cluster where a process ends before its collector.
+        os.environ.setdefault("RAY_ENABLE_AUTO_CONNECT", "0")
+        try:
+            import ray
+            from torchrl.collectors.distributed import RayCollector
+        except ImportError as error:
+            raise ValueError(
+                "collector: ray is not installed: pip install 'needlehoop[ray]'"
+            ) from error
+        count = len(makers)
+        if not ray.is_initialized():
+            here = None if "RAY_ADDRESS" in os.environ else count
+            ray.init(num_cpus=here, include_dashboard=False, log_to_driver=False)
+        # Ray would wait for missing CPUs without end, and without a message.
+        there = int(ray.cluster_resources().get("CPU", 0))
+        if there < count:
+            raise ValueError(f"collector.workers: {count} is more than the cluster's {there} CPUs")
+        self._policy, self._device = policy, device
+        self._count = count
+        cpu = torch.device("cpu")
+        kind: Any = _Worker
+        # RayCollector would collect nothing for -1.
+        endless: Any = float("inf")
+        self._collector = RayCollector(
+            list(makers),
+            deepcopy(policy).to(cpu),
+            frames_per_batch=steps,
+            total_frames=endless,
+            sync=True,
+            collector_class=kind,
+            remote_configs={"num_cpus": 1},
+            env_device=cpu,
+            policy_device=cpu,
+            storing_device=cpu,
+        )
+
+    def __iter__(self) -> Iterator[TensorDictBase]:
+        with warnings.catch_warnings():
+            # It warns that it has no way of its own to send weights.
+            warnings.simplefilter("ignore", UserWarning)
+            buffers: Any = iter(self._collector)
+            first = next(buffers)
+        for buffer in chain([first], buffers):
+            yield buffer.flatten(0, 1).to(self._device)
+
+    def update_policy_weights_(self) -> None:
+        """Send the weights. TorchRL's own way fails on convolutions in ``channels_last``."""
+        weights = {name: one.cpu() for name, one in self._policy.state_dict().items()}
+        self._collector.map_fn("policy.load_state_dict", [(weights,)] * self._count)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Of each worker, by name."""
+        states: Any = self._collector.state_dict()
+        return {f"worker{i}": dict(state) for i, state in enumerate(states)}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a ``state_dict``."""
+        self._collector.load_state_dict([state[f"worker{i}"] for i in range(self._count)])
+
+    def reset(self) -> None:
+        """Show where the environments stand."""
+        self._collector.map_fn("reset", [()] * self._count)
+
+    def shutdown(self) -> None:
+        """End the workers, and a cluster that was begun for them."""
+        self._collector.shutdown()

@@ -11,9 +11,6 @@ from torch import Tensor, nn
 from needlehoop.config.strict import OneOf, Range, check_names
 from needlehoop.scene.image_size import ImageSize, sides, typed
 
-DTYPES = {"fp32": torch.float32, "bf16": torch.bfloat16}
-"""Types of convolutions, by name."""
-
 
 @dataclass(frozen=True)
 class EncoderConfig:
@@ -92,7 +89,7 @@ class Encoder(nn.Module):
         channels, height, width = shape
         config.check_fit((width, height))
         stem, inner = config.stem, channels * config.stem**2
-        self.dtype = dtype
+        self._is_mixed = dtype == torch.bfloat16
         self._centre: Tensor
         self.register_buffer("_centre", torch.tensor(-127.5 / 64, dtype=dtype), persistent=False)
         blank = torch.zeros(1, height // stem, width // stem, inner)
@@ -117,13 +114,12 @@ class Encoder(nn.Module):
         return features.view(*folded.shape[:-3], -1)
 
     def _precision(self, device: str) -> torch.autocast:
-        mixed = self.dtype == torch.bfloat16
-        return torch.autocast(device, dtype=torch.bfloat16, enabled=mixed)
+        return torch.autocast(device, dtype=torch.bfloat16, enabled=self._is_mixed)
 
     def _convolve(self, folded: Tensor) -> Tensor:
         # (x - 127.5) / 64 in one pass: -2 to 2, and exact in bfloat16. Centred, the first layers
         # learn a fifth faster.
-        image = folded.to(self.dtype).permute(0, 3, 1, 2)
+        image = folded.to(self._centre.dtype).permute(0, 3, 1, 2)
         maps = self.stacks(torch.add(self._centre, image, alpha=1 / 64))
         # Channels last, as they lie in memory: nothing is copied.
         return maps.permute(0, 2, 3, 1).flatten(1)
@@ -134,10 +130,12 @@ class Residual(nn.Module):
 
     def __init__(self, channels: int):
         super().__init__()
-        layers: list[nn.Module] = []
-        for _ in range(2):
-            layers += [nn.SiLU(), nn.Conv2d(channels, channels, 3, padding=1)]
-        self.path = nn.Sequential(*layers)
+        self.path = nn.Sequential(
+            nn.SiLU(),
+            nn.Conv2d(channels, channels, 3, padding=1),
+            nn.SiLU(),
+            nn.Conv2d(channels, channels, 3, padding=1),
+        )
 
     def forward(self, x: Tensor) -> Tensor:
         return x + self.path(x)
@@ -155,11 +153,11 @@ def linear(inner: int, out: int, gain: float = 1.0) -> nn.Linear:
 
 def convolution_dtype(precision: str, device: torch.device) -> torch.dtype:
     """What ``precision`` means on a device; ``auto``: bfloat16 where the processor has it."""
-    check_names("precision", [precision], ("auto", *DTYPES))
-    if precision == "auto":
-        if device.type == "cuda":
-            is_fast = torch.cuda.is_bf16_supported(including_emulation=False)
-        else:
-            is_fast = torch.cpu._is_avx512_bf16_supported()
-        return torch.bfloat16 if is_fast else torch.float32
-    return DTYPES[precision]
+    check_names("precision", [precision], ("auto", "fp32", "bf16"))
+    if precision != "auto":
+        is_fast = precision == "bf16"
+    elif device.type == "cuda":
+        is_fast = torch.cuda.is_bf16_supported(including_emulation=False)
+    else:
+        is_fast = torch.cpu._is_avx512_bf16_supported()
+    return torch.bfloat16 if is_fast else torch.float32

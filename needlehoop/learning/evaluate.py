@@ -20,7 +20,7 @@ from needlehoop.envs.simulation import Observer, Simulation
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import build_agent
 from needlehoop.learning.networks import Actor, Agent
-from needlehoop.learning.weights import fitting, read_step, read_weights
+from needlehoop.learning.policy import fitting, read_step, read_weights
 from needlehoop.pictures.film import record
 from needlehoop.rewards import reference_reward
 from needlehoop.runs.files import BEST, CHECKPOINT, POLICIES, POLICY
@@ -111,9 +111,7 @@ def which_policy(run: Run, asked: str | None) -> tuple[str, int | None]:
     if asked == "last" or (asked is None and (last or not best.exists())):
         return "last", run.manifest().get("steps")
     if not best.exists():
-        raise ValueError(
-            f"policy: {run.folder} has no {BEST}: no evaluation on the way, or keep=last"
-        )
+        raise ValueError(f"policy: {run.folder} has no {BEST}; there was no evaluation on the way")
     return "best", read_step(best)
 
 

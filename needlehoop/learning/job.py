@@ -13,23 +13,12 @@ from needlehoop import rewards
 from needlehoop.config import strict
 from needlehoop.config.strict import Count, Names, Number, OneOf, Range, Seed, check_names
 from needlehoop.envs.settings import Settings, import_task, with_task
-from needlehoop.learning.algorithm_config import AlgorithmConfig, config_of
+from needlehoop.learning.algorithm_config import AlgorithmConfig, DaggerConfig, config_of
 from needlehoop.learning.encoder import EncoderConfig, convolution_dtype
-from needlehoop.learning.networks import HeadConfig, PolicySpec
-from needlehoop.runs.files import (
-    EXPERT,
-    POLICIES,
-    check_folder,
-    check_name,
-    labelled,
-    reward_name,
-    seen,
-)
+from needlehoop.learning.networks import PolicySpec
+from needlehoop.runs.files import EXPERT, check_folder, check_name, labelled, reward_name, seen
 
 Steps = Annotated[int, Range(1, 10**15)]
-
-_FEWEST = 20
-"""Environments of a process, at least: fewer cost more than they bring."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +32,9 @@ class CollectorConfig:
 
     def parts(self, num_envs: int, cores: int) -> list[int]:
         """Environments of each worker."""
-        most = max(1, min(cores, num_envs // _FEWEST))
-        count = 1 if self.kind == "single" else self.workers or most
+        # Fewer in a process cost more than they bring.
+        most = max(1, min(cores, num_envs // 20))
+        count = 1 if self.kind == "single" else min(self.workers or most, num_envs)
         return [num_envs // count + (i < num_envs % count) for i in range(count)]
 
 
@@ -100,16 +90,13 @@ class Job:
     checkpoint_every: Count
     """Buffers between checkpoints."""
     collector: CollectorConfig = CollectorConfig("single", None)
-    """By default that of runs from before there was a choice."""
+    """By default that of runs in results/ from before there was a choice."""
     init: str | None = None
     """Folder of the run whose agent this one begins with."""
     weights: Annotated[str, OneOf("float32", "bfloat16")] = "float32"
     """What the files of policies keep their numbers in."""
     label: str | None = None
     """Tells the run's folder from those of other settings; a sweep makes it of what differs."""
-    keep: Annotated[str, OneOf(*POLICIES, "both")] = "both"
-    """Which policies have a file: the ``last``, the ``best`` of the evaluations on the way, or
-    ``both``."""
 
     def __post_init__(self) -> None:
         check_names("logger", self.logger, ("csv", "tensorboard", "wandb"))
@@ -139,44 +126,36 @@ class Job:
                 f"evaluation.seed: {self.evaluation.seed} and the next are of evaluations, and"
                 f" {self.env.seed} is the training's; choose another"
             )
-        if (self.collector.workers or 1) > self.env.num_envs:
-            raise ValueError(
-                f"collector.workers: {self.collector.workers} is more than"
-                f" num_envs={self.env.num_envs}"
-            )
         if self.collector.kind == "ray" and self.env.num_envs % (self.collector.workers or 1):
             raise ValueError(
                 f"collector.workers: {self.collector.workers} workers of Ray share"
                 f" num_envs={self.env.num_envs} equally; choose a divisor"
             )
         check_folder("results", self.results)
-        if self.keep == "best" and not 0 < self.evaluation.every <= self.updates:
-            raise ValueError(
-                f"keep: there is no best without an evaluation on the way; evaluation.every="
-                f"{self.evaluation.every} is none in {self.updates} buffers"
-            )
-        for key in ("study", "reward_name", *(["label"] if self.label is not None else [])):
-            check_name(key, getattr(self, key))
+        for key in ("study", "reward_name", "label"):
+            if getattr(self, key) is not None:
+                check_name(key, getattr(self, key))
         convolution_dtype(self.precision, self.torch_device)
-
-    @property
-    def network(self) -> HeadConfig:
-        """The agent's trunk and heads, with the facts that its value function is told."""
-        own = self.algo.network
-        return own if own.told is not None else replace(own, told=self.env.definition.critic)
 
     @property
     def spec(self) -> PolicySpec:
         """What its policy sees and does."""
-        env, rules = self.env, self.env.episode
-        seen = (env.image_channels, env.image_size, env.vectors)
-        made = (self.encoder, self.network, rules.control, rules.action_size, self.precision)
-        return PolicySpec(*seen, *made)
+        env, rules, own = self.env, self.env.episode, self.algo.network
+        return PolicySpec(
+            env.image_channels,
+            env.image_size,
+            env.vectors,
+            self.encoder,
+            own if own.told is not None else replace(own, told=env.definition.critic),
+            rules.control,
+            rules.action_size,
+            self.precision,
+        )
 
     @property
     def buffer(self) -> int:
         """Steps per buffer, over all environments."""
-        return self.algo.steps(self.env.num_envs)
+        return self.algo.buffer or self.env.num_envs * self.algo.horizon
 
     @property
     def updates(self) -> int:
@@ -186,7 +165,7 @@ class Job:
     @property
     def reward_name(self) -> str:
         """What the run's folder calls the reward, or who taught the run."""
-        return EXPERT if self.algo.imitates else reward_name(self.env.reward)
+        return EXPERT if isinstance(self.algo, DaggerConfig) else reward_name(self.env.reward)
 
     @property
     def place(self) -> str:
@@ -224,18 +203,13 @@ def checked_job(values: Mapping[str, Any]) -> Job:
         {name: values[name] for name in kind.__dataclass_fields__ if name in values}
         for kind in (Job, Settings)
     )
-    own |= {**_loggers(own), "algo": config_of(values.get("algo"))}
+    own["algo"] = config_of(values.get("algo"))
+    if isinstance(former := own.get("logger"), Mapping):
+        # Runs in results/ from before there could be several have one, with wandb's settings in it.
+        shown = {key: value for key, value in former.items() if key != "kind"}
+        own |= {"logger": [former["kind"]], "wandb": shown}
     try:
         return strict.structure({**own, "env": with_task(environment)}, Job)
     except ValueError as error:
         # The environment's keys are below ``env`` in a job, and not in the YAML.
         raise ValueError(re.sub(r"(^|; )env(\.|: )", r"\1", str(error))) from error
-
-
-def _loggers(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The loggers of a run of before there could be several: one, with wandb's settings in it."""
-    given = values.get("logger")
-    if not isinstance(given, Mapping):
-        return {}
-    settings = {key: value for key, value in given.items() if key != "kind"}
-    return {"logger": [given.get("kind")], "wandb": settings}

@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
 import torch
 from tensordict import TensorDictBase
 
-from needlehoop.learning.algorithm import Algorithm
+from needlehoop.learning.algorithm import Algorithm, MemoryAlgorithm
+from needlehoop.learning.algorithm_config import PpoConfig
 from needlehoop.learning.collecting import collector_of, flown_again
 from needlehoop.learning.dagger import Dagger
 from needlehoop.learning.job import Job
 from needlehoop.learning.networks import Agent
+from needlehoop.learning.policy import fitting
 from needlehoop.learning.ppo import Ppo
 from needlehoop.learning.sac import Sac
-from needlehoop.learning.weights import fitting
 from needlehoop.runs.files import DAGGER, PPO, SAC
 
 ALGORITHMS: dict[str, type[Algorithm]] = {PPO: Ppo, DAGGER: Dagger, SAC: Sac}
 """By ``algo.kind``; each has its settings in a file of ``conf/algo``."""
-
-_MOST_DIVERGED = 0.01
-"""Share of the episodes whose physics may diverge."""
 
 
 class Learner:
@@ -46,21 +44,24 @@ class Learner:
         self.agent = build_agent(job, self.device)
         if weights is not None:
             self.agent.load_state_dict(weights)
-        algo = job.algo if job.init is not None else job.algo.of_new_agent()
+        algo = job.algo
+        if isinstance(algo, PpoConfig) and job.init is None:
+            # A new agent has nothing to lose.
+            algo = replace(algo, warmup=0, finetune=1.0)
         kind = ALGORITHMS[algo.kind]
         self.algorithm: Any = kind(self.agent, algo, job.updates, job.env.seed)
         self._flown: list[torch.Tensor] = []
         self._ended = self._diverged = 0
-        if state is not None:
-            with fitting("checkpoint"):
-                self.algorithm.load_state_dict(state[algo.kind])
-                # As many as before, because each goes on from its own state.
-                workers = sum(key.startswith("worker") for key in state["collector"]) or 1
-                job = replace(job, collector=replace(job.collector, workers=workers))
-        self._collector = collector_of(job, self.algorithm.policy, self.device)
-        if state is not None:
-            with fitting("checkpoint"):
-                self._go_on(state)
+        if state is None:
+            self._collector = collector_of(job, self.algorithm.policy, self.device)
+            return
+        with fitting("checkpoint"):
+            self.algorithm.load_state_dict(state[algo.kind])
+            # As many as before, because each goes on from its own state.
+            workers = sum(key.startswith("worker") for key in state["collector"]) or 1
+            job = replace(job, collector=replace(job.collector, workers=workers))
+            self._collector = collector_of(job, self.algorithm.policy, self.device)
+            self._go_on(state)
 
     @property
     def done_updates(self) -> int:
@@ -84,7 +85,7 @@ class Learner:
             collected = time.perf_counter()
             losses = self.algorithm.update(buffer)
             self._collector.update_policy_weights_()
-            if self.job.algo.frames:
+            if isinstance(self.algorithm, MemoryAlgorithm):
                 self._flown.append(buffer["action"].cpu().clone())
             losses["seconds_collect"] = collected - began
             losses["seconds_update"] = time.perf_counter() - collected
@@ -97,11 +98,11 @@ class Learner:
         self._ended += int(ends["done"].sum())
         self._diverged += int((ends["facts", "diverged"] & ends["done"]).sum())
         # A single episode never ends a run.
-        if self._diverged > max(1.0, _MOST_DIVERGED * self._ended):
+        if self._diverged > max(1.0, 0.01 * self._ended):
             raise FloatingPointError(
-                f"the physics diverged in {self._diverged} of {self._ended} episodes, more than"
-                f" {_MOST_DIVERGED:.0%}; check the scene's task.timestep and sizes, or see"
-                " whether the policy still gives finite actions"
+                f"the physics diverged in {self._diverged} of {self._ended} episodes, more than 1%;"
+                " check the scene's task.timestep and sizes, or see whether the policy still gives"
+                " finite actions"
             )
 
     def close(self) -> None:
@@ -110,17 +111,14 @@ class Learner:
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that decides what comes next; of tensors and plain values."""
-        # The algorithm has the policy's weights.
-        collected = _by_worker(
-            self._collector.state_dict(),
-            lambda own: {key: one for key, one in own.items() if key != "policy_state_dict"},
-        )
-        found: dict[str, Any] = {"collector": collected}
-        found[self.job.algo.kind] = self.algorithm.state_dict()
+        found: dict[str, Any] = {
+            "collector": self._collector.state_dict(),
+            self.job.algo.kind: self.algorithm.state_dict(),
+            "rng": torch.get_rng_state(),
+        }
         if self._flown:
             # Actions take a thousandth of the space of the frames, which are collected again.
             found["flown"] = torch.stack(self._flown)
-        found["rng"] = torch.get_rng_state()
         if self.device.type == "cuda":
             found["cuda_rng"] = torch.cuda.get_rng_state(self.device)
         return found
@@ -131,23 +129,13 @@ class Learner:
             self._flown = [*state["flown"]]
             for buffer in flown_again(self.job, state["flown"]):
                 self.algorithm.remember(buffer)
-        policy = {"policy_state_dict": self.algorithm.policy.state_dict()}
-        collected = _by_worker(state["collector"], lambda own: {**own, **policy})
-        self._collector.load_state_dict(collected)
+        self._collector.load_state_dict(state["collector"])
         # A reset after loading shows the episodes under way.
         self._collector.reset()
         # Last, because building an agent draws numbers.
         torch.set_rng_state(state["rng"])
         if self.device.type == "cuda":
             torch.cuda.set_rng_state(state["cuda_rng"], self.device)
-
-
-def _by_worker(
-    state: Mapping[str, Any], change: Callable[[Mapping[str, Any]], dict[str, Any]]
-) -> dict[str, Any]:
-    """A collector's state, changed in each worker's part, or as a whole where it has none."""
-    workers = {key: change(one) for key, one in state.items() if key.startswith("worker")}
-    return {**state, **workers} if workers else change(state)
 
 
 def build_agent(job: Job, device: torch.device) -> Agent:

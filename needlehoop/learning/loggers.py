@@ -3,33 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from needlehoop.learning.job import Job
 from needlehoop.runs.files import write_whole
 
-TENSORBOARD = "tensorboard"
-"""The package, the logger's name, and the folder in a run's."""
-
-WANDB_ID = "wandb_id.txt"
-"""The file in a run's folder with the run's ID at wandb."""
-
 
 class Logger:
     """Shows the rows of the CSV files elsewhere, if anywhere.
 
     ``steps``: that it begins with; TensorBoard drops later points of an interrupted training.
+    Raises ``ValueError`` where TensorBoard is asked for and not installed.
     """
 
     def __init__(self, job: Job, values: Mapping[str, Any], folder: Path, steps: int):
         self._board: Any = None
-        if TENSORBOARD in job.logger:
-            from torch.utils.tensorboard import SummaryWriter
-
-            self._board = SummaryWriter(str(folder / TENSORBOARD), purge_step=steps + 1)
-            print(f"tensorboard: see it with: tensorboard --logdir {folder / TENSORBOARD}")
+        if "tensorboard" in job.logger:
+            try:
+                from torch.utils.tensorboard import SummaryWriter
+            except ImportError as error:
+                raise ValueError(
+                    "logger: tensorboard is not installed: pip install 'needlehoop[tensorboard]'"
+                ) from error
+            place = folder / "tensorboard"
+            self._board = SummaryWriter(str(place), purge_step=steps + 1)
+            print(f"tensorboard: see it with: tensorboard --logdir {place}")
         self._run: Any = _wandb_run(job, values, folder) if "wandb" in job.logger else None
 
     def log(self, group: str, row: Mapping[str, Any]) -> None:
@@ -64,7 +63,7 @@ def _wandb_run(job: Job, values: Mapping[str, Any], folder: Path) -> Any:
     mode: Any = job.wandb.mode
     if mode == "auto":
         mode = "online" if wandb.login(prompt=False, verify=False) else "offline"
-    known = folder / WANDB_ID
+    known = folder / "wandb_id.txt"
     wanted: dict[str, Any] = {
         "project": job.wandb.project,
         "entity": job.wandb.entity,
@@ -86,11 +85,3 @@ def _wandb_run(job: Job, values: Mapping[str, Any], folder: Path) -> Any:
     elif run.settings.mode == "offline":
         print(f"wandb: offline; send it with: wandb sync {folder / 'wandb'}/offline-run-*")
     return run
-
-
-def check_installed(job: Job) -> None:
-    """Raises ``ValueError`` for a logger whose package is not installed."""
-    if TENSORBOARD in job.logger and find_spec(TENSORBOARD) is None:
-        raise ValueError(
-            f"logger: {TENSORBOARD} is not installed: pip install 'needlehoop[{TENSORBOARD}]'"
-        )

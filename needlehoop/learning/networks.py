@@ -45,9 +45,8 @@ class Normalizer(nn.Module):
 
     def __init__(self, size: int):
         super().__init__()
-        self.register_buffer("count", torch.zeros((), dtype=torch.float64))
-        self.register_buffer("mean", torch.zeros(size, dtype=torch.float64))
-        self.register_buffer("square", torch.zeros(size, dtype=torch.float64))
+        for name, shape in (("count", ()), ("mean", (size,)), ("square", (size,))):
+            self.register_buffer(name, torch.zeros(shape, dtype=torch.float64))
 
     def forward(self, x: Tensor) -> Tensor:
         deviation = (self.square - self.mean**2).clamp(min=1e-12).sqrt()
@@ -88,9 +87,9 @@ class Trunk(nn.Module):
         dtype: torch.dtype,
     ):
         super().__init__()
-        self.encoders = nn.ModuleDict(
-            {name: Encoder(shape, encoder, heads.hidden, dtype) for name, shape in images.items()}
-        )
+        out = heads.hidden
+        encoders = {name: Encoder(shape, encoder, out, dtype) for name, shape in images.items()}
+        self.encoders = nn.ModuleDict(encoders)
         self.normalizers = nn.ModuleDict({name: Normalizer(n) for name, n in vectors.items()})
         self.size = heads.hidden * len(images) + sum(vectors.values())
         self.layers = nn.Sequential(*dense(self.size, heads))

@@ -1,22 +1,117 @@
-"""A trained policy for others: as a function of an observation, and as an ONNX file."""
+"""A policy outside its training: its file, as a function of an observation, and as ONNX.
+
+``policy.safetensors`` and ``best.safetensors`` hold what an agent needs to act, and not what it
+learns with (value head, optimiser, environments). Nothing in them is unpickled. Their metadata, of
+JSON: ``senses``, what the policy sees and does; ``config`` of its run; and, of the best policy, its
+``evaluation``.
+"""
 
 from __future__ import annotations
 
 import json
 import logging
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
+from needlehoop.config import strict
 from needlehoop.learning.networks import Actor, PolicySpec
+from needlehoop.runs.files import write_whole
 
 PRECISION = "fp32"
 """What a policy in an ONNX file computes in, because few runtimes have bfloat16 on a CPU."""
+
+
+def write_weights(
+    path: Path,
+    spec: PolicySpec,
+    actor: Actor,
+    values: Mapping[str, Any],
+    dtype: str,
+    evaluation: Mapping[str, Any] | None = None,
+) -> None:
+    """Write a policy's file, whole or not at all.
+
+    ``values``, the run's config, and ``evaluation``, the best policy's row of ``evaluations.csv``,
+    are for the record. The vectors' statistics keep their type, whatever the weights' ``dtype``.
+    """
+    kept = {
+        name: one.to(getattr(torch, dtype)) if one.dtype == torch.float32 else one
+        for name, one in actor.state_dict().items()
+    }
+    notes = {"senses": asdict(spec), "config": values, "evaluation": evaluation}
+    metadata = {name: json.dumps(note) for name, note in notes.items() if note is not None}
+    content = save({name: one.cpu().contiguous() for name, one in kept.items()}, metadata)
+    write_whole(path, content)
+
+
+def read_step(path: Path) -> int | None:
+    """Steps before the evaluation that a best policy's file notes; errors as in ``read_spec``."""
+    found = _note(path, "evaluation") or {}
+    return strict.structure(found.get("step"), strict.Number | None, f"{path}: step")
+
+
+def read_spec(path: Path) -> PolicySpec:
+    """What a file's policy sees and does; ``ValueError`` for no, a damaged or a foreign file."""
+    values = _note(path, "senses")
+    if values is None:
+        raise ValueError(f"{path} holds no policy of needlehoop: it does not say what it sees")
+    try:
+        return strict.structure(values, PolicySpec)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def read_actor(path: Path, spec: PolicySpec, device: torch.device) -> Actor:
+    """The trained policy of a file; errors as in ``read_spec``."""
+    actor = Actor(spec, spec.trunk(device))
+    read_weights(path, actor)
+    return actor.to(device)
+
+
+def read_weights(path: Path, actor: Actor) -> None:
+    """Put a file's weights into a policy of its run; errors as in ``read_spec``."""
+    with _opened(path):
+        state = load_file(path)
+    with fitting(str(path)):
+        actor.load_state_dict(state)
+
+
+@contextmanager
+def fitting(what: str) -> Iterator[None]:
+    """Raises ``ValueError`` in one line where a state does not fit what it is loaded into."""
+    try:
+        yield
+    except (LookupError, RuntimeError, TypeError, ValueError) as error:
+        said = str(error).splitlines()[-1].strip()
+        raise ValueError(f"{what} does not fit its config: {said}") from error
+
+
+def _note(path: Path, name: str) -> Any:
+    """What a file's metadata has under a name, if anything."""
+    with _opened(path) as file:
+        return json.loads((file.metadata() or {}).get(name, "null"))
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    try:
+        with safe_open(path, framework="pt") as file:
+            yield file
+    except FileNotFoundError as error:
+        raise ValueError(f"{path}: no such file") from error
+    except (OSError, SafetensorError, json.JSONDecodeError) as error:
+        raise ValueError(f"{path} is damaged: {error}") from error
 
 
 class Policy:
@@ -47,32 +142,33 @@ class Policy:
             raise ValueError(
                 f"observation: {', '.join(missing)} missing; the policy sees {', '.join(needed)}"
             )
-        first = given[needed[0]]
-        # A copy, because torch warns of arrays that may not be written to.
-        seen = {
-            name: one if isinstance(one, Tensor) else torch.from_numpy(np.array(one))
-            for name, one in given.items()
-            if name in needed
-        }
-        images = [_image(name, seen[name], shape) for name, shape in self._images.items()]
-        vectors = [_vector(name, seen[name], n) for name, n in self._vectors.items()]
-        found = self._actor(*(one.to(self._device) for one in (*images, *vectors))).clamp(-1.0, 1.0)
-        return found.to(first.device) if isinstance(first, Tensor) else found.cpu().numpy()
+        is_torch = isinstance(given[needed[0]], Tensor)
+        seen = []
+        for name in needed:
+            one = given[name]
+            # A copy, because torch warns of arrays that may not be written to.
+            one = one if isinstance(one, Tensor) else torch.from_numpy(np.array(one))
+            fits = self._image if name in self._images else self._vector
+            seen.append(fits(name, one).to(self._device))
+        action = self._actor(*seen).clamp(-1.0, 1.0)
+        return action.to(given[needed[0]].device) if is_torch else action.cpu().numpy()
 
+    def _image(self, name: str, image: Tensor) -> Tensor:
+        """Channels first."""
+        channels, height, width = first = tuple(self._images[name])
+        last = height, width, channels
+        if image.dtype != torch.uint8 or image.shape[-3:] not in (first, last):
+            raise ValueError(
+                f"{name}: {image.dtype} {tuple(image.shape)}; expected uint8, its last dimensions"
+                f" {first} or {last}"
+            )
+        return image if image.shape[-3:] == first else image.movedim(-1, -3)
 
-def _image(name: str, image: Tensor, first: torch.Size) -> Tensor:
-    """Channels first."""
-    last = (*first[1:], first[0])
-    if image.dtype != torch.uint8 or image.shape[-3:] not in (first, last):
-        valid = " or ".join(f"(…, {', '.join(map(str, one))})" for one in (first, last))
-        raise ValueError(f"{name}: {image.dtype} {tuple(image.shape)}; expected uint8 {valid}")
-    return image if image.shape[-3:] == first else image.movedim(-1, -3)
-
-
-def _vector(name: str, vector: Tensor, length: int) -> Tensor:
-    if vector.shape[-1:] != (length,):
-        raise ValueError(f"{name}: shape {tuple(vector.shape)}; expected (…, {length})")
-    return vector.float()
+    def _vector(self, name: str, vector: Tensor) -> Tensor:
+        length = self._vectors[name]
+        if vector.shape[-1:] != (length,):
+            raise ValueError(f"{name}: shape {tuple(vector.shape)}; expected (…, {length})")
+        return vector.float()
 
 
 class _Clamped(nn.Module):
@@ -108,7 +204,7 @@ def onnx_bytes(spec: PolicySpec, actor: Actor) -> bytes:
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        program = torch.onnx.export(
+        program: Any = torch.onnx.export(
             _Clamped(actor).eval(),
             tuple(example.values()),
             input_names=[*example],
@@ -117,7 +213,6 @@ def onnx_bytes(spec: PolicySpec, actor: Actor) -> bytes:
             dynamo=True,
             verbose=False,
         )
-    assert program is not None
     facts = {"cams": [*spec.channels], "image_size": spec.image_size, "episode": spec.control}
     program.model.metadata_props["needlehoop"] = json.dumps(facts)
     return program.model_proto.SerializeToString()

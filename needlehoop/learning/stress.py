@@ -59,9 +59,9 @@ def conditions(
     for key in given.keys() ^ AXES.keys():
         raise ValueError(f"levels.{key}: {'missing' if key in AXES else 'no such axis'}")
     most, ordered = min(map(len, given.values())), sorted(set(severities))
-    for key, severity in (*(("severities", one) for one in ordered), ("together", together)):
-        if not 1 <= severity <= most:
-            raise ValueError(f"{key}: {severity} is not among 1 to {most}")
+    for severity in (*ordered, together):
+        if severity > most:
+            raise ValueError(f"severities, together: {severity} is not among 1 to {most}")
     single = [Condition(k, s, {k: given[k][s - 1]}) for k in axes for s in ordered]
     both = Condition(ALL, together, {key: given[key][together - 1] for key in axes})
     return [Condition(NONE, 0, {}), *single, both]
@@ -78,14 +78,13 @@ def stress(
     as long. The controller must have no memory of its own.
     """
     total, task = episodes * len(tried), settings.definition
-    amounts = {key: torch.tensor([c.amounts.get(key, 0.0) for c in tried]) for key in AXES}
-    most = {key: max(c.amounts.get(key, 0.0) for c in tried) for key in AXES}
-    own = replace(settings, num_envs=min(size, total), disturb=disturb_of(most))
-    simulation = build(own)
-    controller = make(simulation)
     names = (*task.columns, "return", "steps")
-    here = simulation.device
-    amounts = {key: one.to(here) for key, one in amounts.items()}
+    given = {key: [c.amounts.get(key, 0.0) for c in tried] for key in AXES}
+    most = disturb_of({key: max(values) for key, values in given.items()})
+    own = replace(settings, num_envs=min(size, total), disturb=most)
+    simulation = build(own)
+    controller, here = make(simulation), simulation.device
+    amounts = {key: torch.tensor(values, device=here) for key, values in given.items()}
     ended = torch.zeros(total, len(names), dtype=torch.float64, device=here)
     # The episode of each environment, counted over all conditions; -1: none is left.
     at, dealt = torch.full((own.num_envs,), -1, device=here), 0
@@ -98,8 +97,8 @@ def stress(
             dealt += len(rows)
             if bool((at < 0).all()):
                 break
-            given = at[rows].clamp(min=0)
-            condition, episode = given // episodes, given % episodes
+            condition = at[rows].clamp(min=0) // episodes
+            episode = at[rows].clamp(min=0) % episodes
             simulation.deal(rows, episode, {key: one[condition] for key, one in amounts.items()})
             if moment is None or len(rows):
                 moment = simulation.reset(fresh)

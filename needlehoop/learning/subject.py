@@ -1,4 +1,4 @@
-"""Resolves a policy and its environment: of a run, of a policy's file, or a script's."""
+"""Resolves a policy and its environment: of a run, or a script's."""
 
 from __future__ import annotations
 
@@ -11,19 +11,14 @@ import torch
 
 from needlehoop import rewards
 from needlehoop.config.changing import changed
-from needlehoop.config.strict import check_names, shown
+from needlehoop.config.strict import check_names
 from needlehoop.disturbances.axes import Disturb
 from needlehoop.envs.controllers import MakeController, by_name, controllers
 from needlehoop.envs.settings import Settings, compose_settings, import_trusted_task
 from needlehoop.learning.evaluate import acting, check_seed, load_agent, which_policy
 from needlehoop.learning.job import Job, checked_job
 from needlehoop.learning.networks import check_same
-from needlehoop.learning.weights import read_actor, read_spec
 from needlehoop.runs.run import Run
-from needlehoop.scene.image_size import typed
-
-_SEED = 1_000_001
-"""Of the episodes where there is no run: as in a run's final evaluation by default."""
 
 
 def subject(
@@ -32,7 +27,7 @@ def subject(
     """Find the controller that is meant, and its environment, undisturbed.
 
     Args:
-        who: a run's folder, a ``policy.safetensors``, or the name of a scripted controller.
+        who: a run's folder, or the name of a scripted controller.
         words: settings of the environment; of a run, only those to be changed.
         seed: of the episodes; ``None``: of the final evaluation.
         trust: whether Python code that a run's files name may run.
@@ -44,19 +39,9 @@ def subject(
     if path.is_dir():
         settings, make = of_run(path, words, seed, device, trust, "stress")
         return replace(settings, disturb=Disturb()), make
-    chosen = [*words, f"seed={_SEED if seed is None else seed}"]
-    if path.suffix == ".safetensors":
-        spec = read_spec(path)
-        seen = [f"cams=[{','.join(spec.channels)}]", f"image_size={typed(spec.image_size)}"]
-        settings = compose_settings([*seen, f"episode.control={spec.control}", *chosen])
-        if settings.image_channels != spec.channels:
-            raise ValueError(
-                f"{path}: its images have channels {shown(spec.channels)}, and these"
-                f" {shown(settings.image_channels)}; give its own settings (obs.frame_stack=…)"
-            )
-        return settings, acting(read_actor(path, spec, device))
-    settings = compose_settings(chosen)
-    check_names("a run's folder, policy.safetensors or controller", [who], controllers(settings))
+    # As in a run's final evaluation by default.
+    settings = compose_settings([*words, f"seed={1_000_001 if seed is None else seed}"])
+    check_names("a run's folder or controller", [who], controllers(settings))
     return replace(settings, cams=()), by_name(who)
 
 

@@ -22,7 +22,7 @@ from needlehoop.learning.evaluate import assess, film, load_agent, on_the_way, r
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import Learner
 from needlehoop.learning.loggers import Logger
-from needlehoop.learning.weights import write_weights
+from needlehoop.learning.policy import write_weights
 from needlehoop.runs.files import BEST, EVALUATION, EVALUATIONS, METRICS, POLICY, VIDEO
 from needlehoop.runs.machine import interruption, peak_memory, terminable
 from needlehoop.runs.reading import read_json
@@ -78,7 +78,7 @@ def train(
                 logger.log("evaluation", evaluation)
                 # Before the checkpoint. A run that is killed between them comes here again, with
                 # the same weights.
-                if job.keep != "last" and _is_best(run):
+                if _is_best(run):
                     path, actor = run.folder / BEST, learner.agent.actor
                     write_weights(path, job.spec, actor, run.config(), job.weights, evaluation)
 
@@ -122,8 +122,7 @@ def finish(job: Job, run: Run, logger: Logger) -> None:
     # Whatever the training had, so that the evaluation's bits do not depend on it.
     torch.set_num_threads(1)
     agent = load_agent(run, job, job.torch_device)
-    if job.keep != "best":
-        write_weights(run.folder / POLICY, job.spec, agent.actor, run.config(), job.weights)
+    write_weights(run.folder / POLICY, job.spec, agent.actor, run.config(), job.weights)
     own = job.evaluation
     films = f", then a film of {own.video_episodes}" if own.video_episodes else ""
     print(f"\nevaluating {own.final_episodes} episodes{films}", flush=True)

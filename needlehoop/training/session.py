@@ -18,7 +18,6 @@ from needlehoop.config.strict import OneOf, check_names
 from needlehoop.envs.settings import Settings, settings_from
 from needlehoop.learning.evaluate import load_agent, which_policy
 from needlehoop.learning.job import Job, Steps, checked_job, typed_job
-from needlehoop.learning.loggers import check_installed
 from needlehoop.learning.networks import check_same
 from needlehoop.learning.subject import flown_job
 from needlehoop.rewards import program_reward
@@ -33,7 +32,7 @@ from needlehoop.vlm.writing import ProgramRules, program_rules
 
 _OF_NO_CONSEQUENCE = {
     *("resume", "overwrite", "existing", "until", "results", "logger", "wandb"),
-    *("checkpoint_every", "vlm", "asking", "gates", "weights", "trust", "keep", "objective"),
+    *("checkpoint_every", "vlm", "asking", "gates", "weights", "trust", "objective"),
 }
 """Settings that may change when a run is resumed: they do not affect its results."""
 
@@ -80,7 +79,6 @@ def checked(values: Mapping[str, Any]) -> tuple[Options, Job]:
     job = typed_job({**values, **({"reward": rewards.NONE} if is_program else {})})
     measured = (*job.env.definition.columns, "return", "return_human")
     check_names("objective", [options.objective], measured)
-    check_installed(job)
     return options, job
 
 
@@ -189,7 +187,7 @@ def initial_weights(job: Job) -> dict[str, Any] | None:
             raise ValueError(f"init: {run.folder} has {key}={own}; this run has {other}")
     # Their weights replace the first deviation.
     have, want = (
-        replace(one.spec, precision="", network=replace(one.network, sigma=1.0))
+        replace(one.spec, precision="", network=replace(one.spec.network, sigma=1.0))
         for one in (theirs, job)
     )
     check_same(have, want, f"init: {run.folder}")

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 import yaml
-from tiny_runs import PLACE, TINY, composed, refusal, run_composed, table
+from tiny_runs import PLACE, TINY, composed, run_composed, table
 
 import needlehoop
 from needlehoop.cli.main import main
@@ -199,25 +199,22 @@ def test_the_best_policy_is_that_of_the_best_evaluation(tmp_path, monkeypatch):
     assert evaluating.which_policy(evaluating.Run(run), "best") == ("best", 32)
 
 
-def test_which_policies_are_kept(tmp_path, monkeypatch, capsys):
-    """The file of the run that keeps both is in other tests."""
+def test_the_policy_is_the_last_or_else_the_best(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run = Path("results") / PLACE
-    for keep in ("last", "best"):
-        run_composed(composed(*TINY, f"keep={keep}", "overwrite=true"))
-        kept = {"last": "policy", "best": "best"}[keep]
-        assert {path.stem for path in run.glob("*.safetensors")} == {kept}
-        assert json.loads((run / "evaluation.json").read_text())["policy"] == "last"
-        # As it is copied to others.
-        (run / "checkpoint.pt").unlink()
+    run_composed(composed(*TINY))
+    assert {path.stem for path in run.glob("*.safetensors")} == {"policy", "best"}
+    # As it is copied to others.
+    (run / "checkpoint.pt").unlink()
+    for kept, gone in (("last", "best"), ("best", "policy")):
+        (run / f"{gone}.safetensors").rename(run / "aside")
         capsys.readouterr()
-        assert evaluated(run, "episodes=1", capsys=capsys)["policy"] == keep
-        assert needlehoop.load_policy(run).origin.startswith(keep)
-        if keep == "last":
+        assert evaluated(run, "episodes=1", capsys=capsys)["policy"] == kept
+        assert needlehoop.load_policy(run).origin.startswith(kept)
+        if kept == "last":
             assert main(["evaluate", str(run), "policy=best"]) == 2
             assert "has no best.safetensors" in capsys.readouterr().err
-    assert "keep: there is no best" in refusal(*TINY, "keep=best", "evaluation.every=4")
-    assert "keep: 'some' is unknown; choose from last, best, both" in refusal(*TINY, "keep=some")
+        (run / "aside").rename(run / f"{gone}.safetensors")
 
 
 def test_evaluations_say_how_the_sampled_policy_does(tiny_run):

@@ -5,7 +5,6 @@ from dataclasses import replace
 import pytest
 import torch
 from tensordict import TensorDict
-from torch.nn.functional import pixel_unshuffle
 
 from needlehoop.config import composing, strict
 from needlehoop.learning.encoder import Encoder, EncoderConfig, Fold
@@ -47,8 +46,11 @@ def said(agent: ValueAgent, seen: TensorDict) -> tuple[torch.Tensor, ...]:
 
 
 @pytest.mark.parametrize("stem", [1, 4])
-def test_a_folded_image_is_moved_as_it_would_be_before(stem):
+def test_an_image_is_folded_into_blocks_and_moved_as_it_would_be_before(stem):
     images, fold = random_images(3, 3, 16, 24), Fold(stem)
+    # A block's pixels row by row, each with its channels.
+    block = images[0, :, stem : 2 * stem, :stem].permute(1, 2, 0).flatten()
+    assert torch.equal(fold(images)[0, 1, 0], block)
     down, right = torch.tensor([0, 3, -2]), torch.tensor([-1, 0, 5])
     wide = torch.nn.functional.pad(images.float(), (5, 5, 5, 5), mode="replicate").byte()
     expected = torch.stack(
@@ -58,18 +60,6 @@ def test_a_folded_image_is_moved_as_it_would_be_before(stem):
         ]
     )
     assert torch.equal(fold.moved(fold(images), down, right), fold(expected))
-
-
-@pytest.mark.parametrize("stem", [2, 4])
-def test_fold_is_pixel_unshuffle_with_its_channels_in_another_order(stem):
-    image = random_images(3, 4, 16, 8)
-    folded = Fold(stem)(image)
-    assert folded.dtype == torch.uint8
-    assert folded.shape == (3, 16 // stem, 8 // stem, 4 * stem**2)
-    ours = sorted(plane.flatten().tolist() for plane in folded.unbind(-1))
-    expected = pixel_unshuffle(image, stem)
-    assert ours == sorted(plane.flatten().tolist() for plane in expected.unbind(1))
-    assert torch.equal(Fold(stem)(image[None])[0], folded)
 
 
 def test_an_encoder_gives_a_vector_per_image_about_the_same_in_bfloat16():
@@ -97,13 +87,13 @@ def test_every_encoder_of_the_config_reads_an_image_of_the_usual_size(name):
     assert encoder(Fold(own.stem)(random_images(1, 4, size, size))).shape == (1, 8)
 
 
-@pytest.mark.parametrize("size", [12, 66])
-def test_an_image_that_does_not_fit_is_refused_with_what_would(size):
+def test_an_image_that_does_not_fit_is_refused_with_what_would():
     narrow = EncoderConfig(name="narrow", stem=4, channels=(4, 4), blocks=1)
-    said = rf"image_size: {size} .*encoder=narrow: .*multiple of 4, at least 16$"
-    with pytest.raises(ValueError, match=said):
-        Encoder(torch.Size((3, size, size)), narrow, 8, torch.float32)
-    Encoder(torch.Size((3, 16, 16)), narrow, 8, torch.float32)
+    narrow.check_fit(16)
+    for size in (12, 66):
+        said = rf"image_size: {size} .*encoder=narrow: .*multiple of 4, at least 16$"
+        with pytest.raises(ValueError, match=said):
+            narrow.check_fit(size)
 
 
 def test_a_normalizer_knows_mean_and_variance_of_all_it_was_shown():

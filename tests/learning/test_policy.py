@@ -1,6 +1,7 @@
-"""Weights in a file, and a policy out of it."""
+"""Weights in a file, a policy out of it, and the same as ONNX."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,13 +9,14 @@ import torch
 from safetensors import safe_open
 from safetensors.torch import load_file, save
 from tensordict import TensorDict
+from tiny_runs import TINY, composed, run_composed
 
 import needlehoop
 from needlehoop.cli.main import main
 from needlehoop.config import composing
 from needlehoop.learning.job import typed_job
 from needlehoop.learning.learner import build_agent
-from needlehoop.learning.weights import write_weights
+from needlehoop.learning.policy import write_weights
 from needlehoop.runs.run import Run
 
 WORDS = [
@@ -40,8 +42,7 @@ def trained(folder, *words, weights="float32"):
     for module in agent.modules():
         if hasattr(module, "learn"):
             module.learn(torch.randn(50, len(module.mean)))
-    ppo = {"agent": agent.state_dict(), "done_updates": 1}
-    learner = {"ppo": ppo, "env": {}, "rng": torch.get_rng_state()}
+    learner = {"ppo": {"agent": agent.state_dict()}}
     run.save({"learner": learner, "update": 1, "wall_time": 1.0})
     write_weights(folder / "policy.safetensors", job.spec, agent.actor, values, weights)
     return agent
@@ -61,7 +62,11 @@ def act(agent, seen):
 
 def test_a_loaded_policy_acts_as_its_agent(run):
     folder, agent = run
-    seen = needlehoop.make_env_of(folder, num_envs=3).reset()
+    env = needlehoop.make_env_of(folder, num_envs=3)
+    # Of the run, on episodes that it has not met.
+    own = env.settings
+    assert (own.cams, own.image_size, own.seed) == (("dep_front", "seg_side"), 32, 1_000_001)
+    seen = env.reset()
     policy = needlehoop.load_policy(folder)
     assert torch.equal(policy(seen), act(agent, seen))
     # Without policy.safetensors it is the checkpoint that is read; alone the former is enough.
@@ -103,12 +108,6 @@ def test_it_flies_gymnasium_s_environment_of_the_run(run):
         assert action in env.action_space
         seen, *_, truncated, _ = env.step(action)
     assert truncated
-
-
-def test_the_environment_is_the_run_s_on_unseen_episodes(run):
-    own = needlehoop.make_env_of(run[0], num_envs=2).settings
-    assert (own.cams, own.image_size, own.seed) == (("dep_front", "seg_side"), 32, 1_000_001)
-    assert needlehoop.make_env_of(run[0], seed=4).settings.seed == 4
 
 
 def test_a_file_holds_the_policy_alone_and_bfloat16_halves_it(run, tmp_path):
@@ -168,3 +167,46 @@ def test_an_observation_that_does_not_fit_is_told_by_its_key(run):
     del fit["dep_front"]
     with pytest.raises(ValueError, match="dep_front missing; the policy sees dep_front, seg_side"):
         policy(fit)
+
+
+SEEN = {
+    "signals": [],
+    "dep_front+seg_side": [
+        "cams=[dep_front,seg_side]",
+        "obs=images",
+        "obs.proprio=true",
+        "obs.told=[grasped,lifted]",
+        "obs.frame_stack=2",
+        "image_size=16",
+        "precision=fp32",
+    ],
+}
+
+
+@pytest.mark.parametrize("seen", SEEN)
+def test_a_policy_in_onnx_acts_as_in_torch(seen, tmp_path, monkeypatch, capsys):
+    onnxruntime = pytest.importorskip("onnxruntime")
+    pytest.importorskip("onnxscript")
+    monkeypatch.chdir(tmp_path)
+    run_composed(composed(*TINY, *SEEN[seen], "results=results"))
+    run = f"results/main/{seen}/sparse/seed0"
+    capsys.readouterr()
+    assert main(["export", "what=policy", f"run={run}"]) == 0
+    assert "policy.onnx" in capsys.readouterr().out
+    # All weights are in the one file.
+    assert {path.name for path in Path().iterdir()} == {"results", "policy.onnx"}
+    session = onnxruntime.InferenceSession("policy.onnx", providers=["CPUExecutionProvider"])
+    policy = needlehoop.load_policy(run, device="cpu")
+    for n in (1, 5):
+        observation = needlehoop.make_env_of(run, num_envs=n).reset()
+        given = {
+            one.name: (
+                observation["pixels", one.name]
+                if one.name in seen.split("+") and one.name != "signals"
+                else observation[one.name].float()
+            ).numpy()
+            for one in session.get_inputs()
+        }
+        (action,) = session.run(None, given)
+        assert action.shape == (n, 5)
+        np.testing.assert_allclose(action, policy(observation).numpy(), atol=1e-5)
