@@ -32,7 +32,6 @@ __all__ = [
 ]
 
 _KINDS = ("human", "sparse", *program_reward.KINDS, function_reward.KIND)
-"""Two are classes; others are programs or functions."""
 
 NONE = {"kind": "sparse", "success": 1.0}
 """The config of a reward for environments whose reward nobody reads."""
@@ -77,11 +76,9 @@ def with_source(config: Mapping[str, Any]) -> dict[str, Any]:
     """A config with its program's or function's text, for a run to keep; errors as in ``load``."""
     if config["kind"] == function_reward.KIND:
         return function_reward.with_source(config)
-    return (
-        program_reward.with_source(config)
-        if config["kind"] in program_reward.KINDS
-        else dict(config)
-    )
+    if config["kind"] in program_reward.KINDS:
+        return program_reward.with_source(config)
+    return dict(config)
 
 
 def text(reward: Reward) -> str:

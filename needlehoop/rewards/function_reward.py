@@ -13,10 +13,9 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
 from importlib import import_module
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from runpy import run_path
 from typing import TYPE_CHECKING, Any
 
 from torch import Tensor
@@ -148,27 +147,14 @@ def _find(name: str) -> Callable[..., Any]:
         raise ValueError(f"reward.function: {name!r} is not module:name or file.py:name")
     try:
         if where.endswith(".py"):
-            file = Path(where)
-            module = _module(file.resolve(), file.stat().st_mtime_ns)
+            found = run_path(where).get(attribute)
         else:
-            module = import_module(where)
+            found = getattr(import_module(where), attribute, None)
     except (ImportError, OSError) as error:
         raise ValueError(f"reward.function: {where!r}: {error}") from error
-    found = getattr(module, attribute, None)
     if not callable(found):
         raise ValueError(f"reward.function: {where!r} has no function {attribute!r}")
     return found
-
-
-@cache
-def _module(file: Path, changed: int) -> Any:
-    # Settings are built many times. A file is run once, and again only after a change.
-    spec = spec_from_file_location(file.stem, file)
-    assert spec is not None
-    assert spec.loader is not None
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def _source(function: Callable[..., Any]) -> str:

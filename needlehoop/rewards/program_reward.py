@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from torch import Tensor
 
@@ -26,9 +26,6 @@ FLAVOURS = {"vlm_text": "text", "vlm_img": "image"}
 Flavour = Annotated[str, OneOf(*FLAVOURS.values())]
 
 KINDS = ("file", *FLAVOURS)
-
-FIRST = 1
-"""The sample that is used unless another is asked for."""
 
 _UNIT = re.compile(r"^unit = [0-9.e-]+$", re.MULTILINE)
 """The line of a program that gives the size of a scene unit in metres."""
@@ -67,8 +64,7 @@ class ProgramReward:
         return f"# From {self.origin}{confined}.\n{self.program.source}"
 
 
-@dataclass(frozen=True)
-class Source:
+class Source(NamedTuple):
     """A program's text and where it came from."""
 
     text: str
@@ -134,7 +130,7 @@ def load(config: Mapping[str, Any], table: Mapping[str, Signal]) -> ProgramRewar
 
 def with_source(config: Mapping[str, Any]) -> dict[str, Any]:
     """A config with the program's text in it, which no file changes; errors as in ``load``."""
-    return {**config, "program": asdict(_read(config)[0])}
+    return {**config, "program": _read(config)[0]._asdict()}
 
 
 def is_recorded(config: Mapping[str, Any]) -> bool:
@@ -166,28 +162,27 @@ def scaled(source: Source, unit: float | None, key: str) -> Source:
             f"{key}: {source.origin} has no line such as unit = 0.05 to put {unit} into;"
             " leave it null"
         )
-    return replace(source, text=_UNIT.sub(f"unit = {float(unit)!r}", source.text))
+    return source._replace(text=_UNIT.sub(f"unit = {float(unit)!r}", source.text))
 
 
 def find(
-    cams: Iterable[str],
+    cams: Sequence[str],
     flavour: str,
     study: str | None,
     results: str,
     recording: str | None,
-    sample: int = FIRST,
+    sample: int = 1,
 ) -> Source:
     """The program that was written for a camera set, whose order does not matter.
 
     First choice is the study's, ``<results>/<study>/vlm/rewards/<cameras>/<flavour>.txt``, then
     the recording's, ``needlehoop/recordings/<recording>/rewards/<cameras>/<flavour>.txt``; either
-    may be ``None``. A ``text`` program may also be in the folder ``any``. ``sample`` is which of
-    several programs for the same cameras.
+    may be ``None``. A ``text`` program may also be in the folder ``any``.
 
     ``NotWrittenError``: no program; the message has the command that makes it. ``ValueError``: an
     unknown recording, or no program and no study to write one into.
     """
-    chosen, name = tuple(cams), file_name(flavour, sample)
+    chosen, name = sorted(cams), file_name(flavour, sample)
     folders = [] if study is None else [Path(results) / study / "vlm" / "rewards"]
     if recording is not None:
         shipped = sorted(f.name for f in RECORDINGS.glob("*") if f.is_dir())
@@ -197,26 +192,26 @@ def find(
     for folder in folders:
         files = {file.parent.name: file for file in sorted(folder.glob(f"*/{name}"))}
         known |= {*files}
-        fits = [own for own in files if sorted(own.split("+")) == sorted(chosen)]
+        fits = [own for own in files if sorted(own.split("+")) == chosen]
         if flavour == "text" and "any" in files:
             fits.append("any")
         if fits:
             return read(files[fits[0]])
-    which = "" if sample == FIRST else f" (sample {sample})"
+    which = "" if sample == 1 else f" (sample {sample})"
     missing = (
-        f"cams: no {flavour} reward{which} is recorded for {'+'.join(chosen) or 'no cameras'}"
+        f"cams: no {flavour} reward{which} is recorded for {'+'.join(cams) or 'no cameras'}"
         f" (there is {', '.join(sorted(known)) or 'none'})"
     )
     if study is None:
         raise ValueError(f"{missing}; with reward.study=null no model can write one")
     place = f"study={study}" + ("" if results == "results" else f" results={results}")
-    place += "" if sample == FIRST else f" samples={sample}"
+    place += "" if sample == 1 else f" samples={sample}"
     raise NotWrittenError(
-        f"{missing}; make one with: needlehoop vlm reward 'cams=[{','.join(chosen)}]'"
+        f"{missing}; make one with: needlehoop vlm reward 'cams=[{','.join(cams)}]'"
         f" flavour={flavour} {place} vlm=gemini"
     )
 
 
 def file_name(flavour: str, sample: int) -> str:
     """The name of a program's file: ``image.txt``, then ``image_2.txt``, …"""
-    return f"{flavour}.txt" if sample == FIRST else f"{flavour}_{sample}.txt"
+    return f"{flavour}.txt" if sample == 1 else f"{flavour}_{sample}.txt"

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from needlehoop.envs.settings import Settings
-from needlehoop.rewards.program_reward import FIRST, file_name
+from needlehoop.rewards.program_reward import file_name
 from needlehoop.runs.files import csv_text, write_whole
 from needlehoop.runs.run import Run
 from needlehoop.study.data.answers import QUESTIONS, RANKINGS, as_rows
@@ -153,7 +153,7 @@ class Inquiry(AbstractContextManager):
         self,
         flavour: str,
         rules: ProgramRules,
-        samples: int = FIRST,
+        samples: int = 1,
         trained: Trained | None = None,
     ) -> list[Path]:
         """Ask for reward programs for the settings' cameras; the files of the accepted ones.
@@ -171,7 +171,7 @@ class Inquiry(AbstractContextManager):
         if detail == "nothing" and flavour == "text":
             raise ValueError("vlm.told: nothing goes with flavour=image, which shows pictures")
         if trained is None and self.has_rewards(flavour, samples) and not self._config.overwrite:
-            path = self.folder / self._reward_file(flavour, FIRST)
+            path = self.folder / self._reward_file(flavour, 1)
             raise ValueError(f"{path} exists; overwrite=true asks for another one")
         album = self._album() if flavour == "image" else None
         prompt = writing.reward_prompt(settings, rules, album, detail)
@@ -180,11 +180,11 @@ class Inquiry(AbstractContextManager):
             name = "reward/text" if flavour == "text" else f"reward/{cameras}/image"
             name += "" if detail == "full" else f"/{detail}"
             self._clear(name)
-            asked = {n: f"{name}/{n}" if n > FIRST else name for n in range(FIRST, FIRST + samples)}
+            asked = {n: f"{name}/{n}" if n > 1 else name for n in range(1, samples + 1)}
         else:
             prompt = trained.prompt(prompt)
             # The first n of which not all are there lacks its last.
-            free = next(n for n in count(FIRST) if not self.has_rewards(flavour, n))
+            free = next(n for n in count(1) if not self.has_rewards(flavour, n))
             asked = {free: f"reward/{cameras}/{flavour}/revised/{trained.sha256[:12]}"}
         failed, paths = [], []
         for sample, name in asked.items():
@@ -208,7 +208,7 @@ class Inquiry(AbstractContextManager):
 
     def has_rewards(self, flavour: str, samples: int) -> bool:
         """Whether all samples of a reward for the settings' cameras exist."""
-        files = (self._reward_file(flavour, n) for n in range(FIRST, FIRST + samples))
+        files = (self._reward_file(flavour, n) for n in range(1, samples + 1))
         return all((self.folder / file).exists() for file in files)
 
     def _reward_file(self, flavour: str, sample: int) -> Path:

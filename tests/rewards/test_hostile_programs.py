@@ -58,13 +58,10 @@ TOO_MUCH = [
     "reward = elapsed ** elapsed",
     "reward = component(goal, 1e999)",
     "#" * 10_000_000,
-    "a = 1\n" * 101 + OK,
-    "\n".join(f"a{i} = {' + '.join(['elapsed'] * 40)}" for i in range(30)) + "\n" + OK,
     "reward = " + "(" * 9000,
     "reward = " + "exp(" * 1000 + "1" + ")" * 1000,
     "reward = " + "-" * 9000 + "1",
     "reward = 1" + "+1" * 4000,
-    "reward = 1" + " < 1" * 2000,
     "reward = " + "1 if grasped else " * 500 + "1",
     "if grasped:\n    reward = 1\n" + "elif lifted:\n    reward = 1\n" * 300,
     "".join(" " * i + "if grasped:\n" for i in range(90)) + " " * 90 + OK,
@@ -89,9 +86,10 @@ def test_the_longest_program_is_cheap_too():
     lines = [f"a{i} = {' * '.join(['jaw'] * 15)} + {i}" for i in range(60)]
     source = "\n".join([*lines, "reward = a1"])
     source += "\n#" + "-" * (MAX_SOURCE - len(source) - 2)
-    assert len(source) == MAX_SOURCE
-    began = time.process_time()
-    compile_program(source)
-    assert time.process_time() - began < 2.0
+    many = f"reward = 1{' < 1' * 2400}"
+    for one in (source, many):
+        began = time.process_time()
+        compile_program(one)
+        assert time.process_time() - began < 2.0
     with pytest.raises(ProgramError, match="10001 characters"):
         compile_program(source + "-")

@@ -18,34 +18,31 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from needlehoop.rewards.language.functions import ARITHMETIC, COMPARISONS, FUNCTIONS, JUNCTIONS
+from needlehoop.rewards.language.functions import (
+    FUNCTIONS,
+    JUNCTIONS,
+    ProgramError,
+    arithmetic,
+    choose,
+    compare,
+    fit,
+    foreign,
+    kind_of,
+    refuse,
+    size_of,
+)
 from needlehoop.scene.signals import Signal, Signals, vocabulary
 
 MAX_SOURCE = 10_000
 """Characters in a program."""
 MAX_CONSTANT = 1e6
 """The largest number that may be written."""
-MAX_NODES = 2000
-"""Names, numbers and operations in a program."""
 MAX_DEPTH = 64
-"""Operations inside each other in one expression."""
-MAX_STATEMENTS = 100
-"""Statements in a program, those inside ifs included."""
+"""Operations and ifs inside each other."""
 MAX_EXPONENT = 8
 """The largest exponent, which must be written out."""
 
 RESULT = "reward"
-
-
-class ProgramError(ValueError):
-    """A refused program, and why; ``line`` and ``column`` count from 1."""
-
-    def __init__(self, line: int, column: int, reason: str):
-        super().__init__(line, column, reason)
-        self.line, self.column, self.reason = line, column, reason
-
-    def __str__(self) -> str:
-        return f"line {self.line}, column {self.column}: {self.reason}"
 
 
 @dataclass(frozen=True)
@@ -87,11 +84,10 @@ def _parse(source: str) -> ast.Module:
     """A program's tree; ``ProgramError`` if it is too long, not ASCII, or not Python."""
     if len(source) > MAX_SOURCE:
         raise ProgramError(1, 1, f"{len(source)} characters; a program has at most {MAX_SOURCE}")
-    if not source.isascii():
-        letter = next(one for one in source if not one.isascii())
-        before, _, _ = source.partition(letter)
-        column = len(before.rpartition("\n")[2]) + 1
-        raise ProgramError(before.count("\n") + 1, column, f"{letter!a} is not ASCII")
+    for number, line in enumerate(source.split("\n"), 1):
+        if not line.isascii():
+            column = next(n for n, letter in enumerate(line) if not letter.isascii())
+            raise ProgramError(number, column + 1, f"{line[column]!a} is not ASCII")
     try:
         return ast.parse(source)
     except SyntaxError as error:
@@ -102,23 +98,12 @@ def _parse(source: str) -> ast.Module:
         raise ProgramError(1, 1, f"not Python: {error or 'too deep'}") from error
 
 
-def _refuse(node: ast.AST, reason: str) -> ProgramError:
-    """The error for a node that is not as it must be, at its place."""
-    return ProgramError(getattr(node, "lineno", 1), getattr(node, "col_offset", 0) + 1, reason)
-
-
-def _foreign(node: ast.AST) -> ProgramError:
-    """The error for a kind of node that the language does not have."""
-    return _refuse(node, f"{type(node).__name__} is not in the language")
-
-
 def _literal(node: ast.expr) -> float | None:
     """A number that is written out, with its sign; ``None`` for anything else."""
     match node:
-        case ast.UnaryOp(op=ast.USub(), operand=operand):
-            value = _literal(operand)
-            return None if value is None else -value
-        case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
+        case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int() | float() as value)):
+            return -value
+        case ast.Constant(value=int() | float() as value):
             return value
     return None
 
@@ -133,33 +118,18 @@ def _summed(node: ast.expr) -> list[str]:
     return []
 
 
-def _size(value: Tensor) -> int:
-    """The length of a vector ``(n, k)``; 0 for a number or a truth value ``(n,)``."""
-    return value.shape[1] if value.ndim == 2 else 0
-
-
-def _kind(value: Tensor) -> str:
-    if value.ndim == 2:
-        return f"a {_size(value)}-vector"
-    return "a truth value" if value.dtype == torch.bool else "a number"
-
-
 class _Walk:
-    """One walk over a program's tree. Values are tensors: numbers ``(n,)`` float64, truth values
-    ``(n,)`` bool, k-vectors ``(n, k)`` float64. ``n`` is 1 for what is always the same.
-
-    Its methods raise ``ProgramError`` for what is not in the language.
-    """
+    """One walk over a program's tree; ``ProgramError`` for what is not in the language."""
 
     def __init__(self, table: Mapping[str, Signal], signals: Any):
         self._table, self._signals = table, signals
-        self._device = signals.elapsed.device
         self._variables: dict[str, Tensor] = {}
         self._summands: dict[str, Tensor] = {}
         """The values whose plain sum the result is, if it is one."""
         self._last: ast.stmt | None = None
         """The last assignment to the result."""
-        self._nodes = self._depth = self._statements = self._ifs = 0
+        self._depth = 0
+        """How many operations and ifs are around what is walked."""
 
     def terms(self, body: list[ast.stmt]) -> dict[str, Tensor]:
         """The terms' numbers by name."""
@@ -169,33 +139,30 @@ class _Walk:
             line = (body[-1].end_lineno if body else None) or 1
             raise ProgramError(line, 1, f"{RESULT!r} is not assigned in every branch")
         terms = self._summands or {RESULT: self._variables[RESULT]}
-        return {name: _fit(one, last) for name, one in terms.items()}
+        return {name: fit(one, last) for name, one in terms.items()}
 
     # Statements.
 
     def _block(self, body: list[ast.stmt]) -> None:
         for statement in body:
-            self._statements += 1
-            if self._statements > MAX_STATEMENTS:
-                raise _refuse(statement, f"a program has at most {MAX_STATEMENTS} statements")
             match statement:
                 case ast.Assign(targets=[ast.Name(id=name)], value=expression):
                     value = self._value(expression)
                     self._assign(statement, name, value, self._summed(name, expression))
                 case ast.AugAssign(target=ast.Name(id=name), op=op, value=expression):
                     old = self._name(statement, name)
-                    changed = _arithmetic(statement, op, old, self._value(expression))
+                    changed = arithmetic(statement, op, old, self._value(expression))
                     self._assign(statement, name, changed, {})
                 case ast.If():
                     self._if(statement)
                 case _:
-                    raise _foreign(statement)
+                    raise foreign(statement, statement)
 
     def _assign(
         self, statement: ast.stmt, name: str, value: Tensor, summands: dict[str, Tensor]
     ) -> None:
         if name in self._table or name in FUNCTIONS or name.startswith("_"):
-            raise _refuse(
+            raise refuse(
                 statement,
                 f"{name!r}: a variable's name begins with a letter, and is no signal or function",
             )
@@ -206,7 +173,7 @@ class _Walk:
     def _summed(self, target: str, expression: ast.expr) -> dict[str, Tensor]:
         """The variables and signals that the result is the plain sum of, outside every if."""
         names = _summed(expression)
-        plain = target == RESULT and not self._ifs and RESULT not in names
+        plain = target == RESULT and not self._depth and RESULT not in names
         if not plain or len(set(names)) < len(names):
             return {}
         return {name: self._name(expression, name) for name in names}
@@ -214,18 +181,18 @@ class _Walk:
     def _if(self, statement: ast.If) -> None:
         condition = self._truth(statement.test)
         before, branches = self._variables, []
-        self._ifs += 1
+        self._deeper(statement)
         for body in (statement.body, statement.orelse):
             self._variables = dict(before)
             self._block(body)
             branches.append(self._variables)
-        self._ifs -= 1
+        self._depth -= 1
         then, other = branches
         # A variable that only one branch assigns has no value afterwards.
         self._variables = {
             name: value
             if value is other[name]
-            else _choose(statement, condition, value, other[name])
+            else choose(statement, condition, value, other[name])
             for name, value in then.items()
             if name in other
         }
@@ -233,56 +200,54 @@ class _Walk:
     # Expressions.
 
     def _value(self, node: ast.expr) -> Tensor:
-        self._nodes += 1
-        if self._nodes > MAX_NODES:
-            raise _refuse(node, f"a program has at most {MAX_NODES} names, numbers and operations")
-        self._depth += 1
-        if self._depth > MAX_DEPTH:
-            raise _refuse(node, f"more than {MAX_DEPTH} operations inside each other; split it up")
+        self._deeper(node)
         found = self._expression(node)
         self._depth -= 1
         return found
+
+    def _deeper(self, node: ast.AST) -> None:
+        self._depth += 1
+        if self._depth > MAX_DEPTH:
+            raise refuse(node, f"more than {MAX_DEPTH} operations inside each other; split it up")
 
     def _expression(self, node: ast.expr) -> Tensor:
         match node:
             case ast.Constant(value=bool() | int() | float() as value):
                 if value > MAX_CONSTANT:
-                    raise _refuse(node, f"numbers go up to {MAX_CONSTANT:g}")
+                    raise refuse(node, f"numbers go up to {MAX_CONSTANT:g}")
                 dtype = torch.bool if isinstance(value, bool) else torch.float64
-                return torch.tensor([value], dtype=dtype, device=self._device)
+                return torch.tensor([value], dtype=dtype, device=self._signals.elapsed.device)
             case ast.Name(id=name):
                 return self._name(node, name)
             case ast.UnaryOp(op=ast.Not(), operand=operand):
                 return torch.logical_not(self._truth(operand))
             case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=operand):
                 value = self._value(operand)
-                value = value if _size(value) else _fit(value, node)
+                value = value if size_of(value) else fit(value, node)
                 return torch.neg(value) if isinstance(sign, ast.USub) else value
             case ast.BinOp(left=left, op=ast.Pow(), right=right):
-                base, exponent = _fit(self._value(left), node), _literal(right)
+                base, exponent = fit(self._value(left), node), _literal(right)
                 if exponent is None or abs(exponent) > MAX_EXPONENT:
-                    raise _refuse(
+                    raise refuse(
                         right, f"an exponent is a number, written out, of at most {MAX_EXPONENT}"
                     )
                 return torch.pow(base, float(exponent))
             case ast.BinOp(left=left, op=op, right=right):
-                return _arithmetic(node, op, self._value(left), self._value(right))
+                return arithmetic(node, op, self._value(left), self._value(right))
             case ast.BoolOp(op=op, values=operands):
                 return reduce(JUNCTIONS[type(op)], map(self._truth, operands))
             case ast.Compare(left=left, ops=ops, comparators=others):
-                values = [_fit(self._value(one), node) for one in (left, *others)]
-                return _compare(node, ops, values)
+                values = [fit(self._value(one), node) for one in (left, *others)]
+                return compare(node, ops, values)
             case ast.IfExp(test=test, body=body, orelse=orelse):
                 condition = self._truth(test)
-                return _choose(node, condition, self._value(body), self._value(orelse))
+                return choose(node, condition, self._value(body), self._value(orelse))
             case ast.Call(func=ast.Name(id=name), args=given, keywords=[]):
                 return self._call(node, name, given)
             case ast.Call():
-                raise _refuse(
-                    node, "a call is a function's name and its arguments, without keywords"
-                )
+                raise refuse(node, "a call is a name and its arguments, without keywords")
             case _:
-                raise _foreign(node)
+                raise foreign(node, node)
 
     def _name(self, node: ast.AST, name: str) -> Tensor:
         """The value of a variable or a signal."""
@@ -290,85 +255,38 @@ class _Walk:
             return self._variables[name]
         if name not in self._table:
             own = f"; variables: {', '.join(self._variables)}" if self._variables else ""
-            raise _refuse(
+            raise refuse(
                 node, f"{name!r} is unknown; signals: {', '.join(vocabulary(self._table))}{own}"
             )
         if self._table[name].source == "verdict":
-            raise _refuse(node, f"{name!r} is the verdict, which no program may read")
+            raise refuse(node, f"{name!r} is the verdict, which no program may read")
         return getattr(self._signals, name)
 
     def _truth(self, node: ast.expr) -> Tensor:
         value = self._value(node)
         if value.dtype != torch.bool:
-            raise _refuse(node, f"{_kind(value)}, where a truth value such as a < b is needed")
+            raise refuse(node, f"{kind_of(value)}, where a truth value such as a < b is needed")
         return value
 
     def _call(self, node: ast.Call, name: str, given: list[ast.expr]) -> Tensor:
         if name not in FUNCTIONS:
-            raise _refuse(node, f"{name!r} is no function; choose from {', '.join(FUNCTIONS)}")
+            raise refuse(node, f"{name!r} is no function; choose from {', '.join(FUNCTIONS)}")
         signature, _, takes, run = FUNCTIONS[name]
         more = len(given) - len(takes)
         if more < 0 or (more and "..." not in signature):
-            raise _refuse(node, f"{len(given)} arguments; {signature}")
+            raise refuse(node, f"{len(given)} arguments; {signature}")
         if name == "where":
             condition = self._truth(given[0])
-            return _choose(node, condition, self._value(given[1]), self._value(given[2]))
+            return choose(node, condition, self._value(given[1]), self._value(given[2]))
         if name == "component":
-            vector, index = _fit(self._value(given[0]), node, "vector"), _literal(given[1])
-            if index is None or index not in range(_size(vector)):
-                raise _refuse(node, f"an index is one of 0 to {_size(vector) - 1}, written out")
+            vector, index = fit(self._value(given[0]), node, "vector"), _literal(given[1])
+            if index is None or index not in range(size_of(vector)):
+                raise refuse(node, f"an index is one of 0 to {size_of(vector) - 1}, written out")
             return vector[..., int(index)]
         values = [
-            _fit(self._value(argument), argument, wish)
+            fit(self._value(argument), argument, wish)
             for argument, wish in zip(given, takes + takes[-1:] * more, strict=True)
         ]
-        if set(takes) == {"vector"} and len({_size(value) for value in values}) > 1:
-            raise _refuse(node, f"vectors of different lengths; {signature}")
+        if set(takes) == {"vector"} and len({size_of(value) for value in values}) > 1:
+            raise refuse(node, f"vectors of different lengths; {signature}")
         return run(*values)
-
-
-# Operations on values.
-
-
-def _fit(value: Tensor, node: ast.AST, wish: str = "number") -> Tensor:
-    """A value as a ``number`` (a truth value is 0 or 1), ``vector``, ``vector3`` or ``vector4``."""
-    size = _size(value)
-    if wish == "number" and not size:
-        return value.double()
-    if size and wish in ("vector", f"vector{size}"):
-        return value
-    raise _refuse(node, f"{_kind(value)}, where a {wish} is needed")
-
-
-def _compare(node: ast.Compare, ops: list[ast.cmpop], values: list[Tensor]) -> Tensor:
-    """``a < b < c`` is ``a < b and b < c``."""
-    found = []
-    for op, a, b in zip(ops, values, values[1:], strict=False):
-        if type(op) not in COMPARISONS:
-            raise _refuse(node, f"{type(op).__name__} is not in the language")
-        found.append(COMPARISONS[type(op)](a, b))
-    return reduce(torch.logical_and, found)
-
-
-def _arithmetic(node: ast.AST, op: ast.operator, a: Tensor, b: Tensor) -> Tensor:
-    run = ARITHMETIC.get(type(op))
-    if run is None:
-        raise _refuse(node, f"{type(op).__name__} is not in the language")
-    if not _size(a) and not _size(b):
-        return run(_fit(a, node), _fit(b, node))
-    if _size(a) == _size(b) and run in (torch.add, torch.sub):
-        return run(a, b)
-    if run is torch.mul and not _size(a):
-        a, b = b, a
-    if run in (torch.mul, torch.div) and not _size(b):
-        return run(a, _fit(b, node).unsqueeze(-1))
-    raise _refuse(node, f"{type(op).__name__} of {_kind(a)} and {_kind(b)}")
-
-
-def _choose(node: ast.AST, condition: Tensor, a: Tensor, b: Tensor) -> Tensor:
-    """``a`` in the environments where the condition holds, else ``b``."""
-    if _kind(a) != _kind(b):
-        if _size(a) or _size(b):
-            raise _refuse(node, f"either {_kind(a)} or {_kind(b)}; it must be of one kind")
-        a, b = _fit(a, node), _fit(b, node)
-    return torch.where(condition.unsqueeze(-1) if _size(a) else condition, a, b)
