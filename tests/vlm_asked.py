@@ -11,7 +11,7 @@ from vlm_server import by_schema
 
 from needlehoop.envs.settings import Settings
 from needlehoop.vlm import description, moments
-from needlehoop.vlm.album import SEEN, Album
+from needlehoop.vlm.album import Album
 from needlehoop.vlm.config import LiveConfig
 from needlehoop.vlm.conversation import Conversation, Guess, ProgramAnswer, Verdict
 from needlehoop.vlm.description import stages_of
@@ -52,9 +52,9 @@ class Obliging:
 
 def album(settings: Settings) -> Album:
     names = [f"{r}_{view}" for r in settings.renderings for view in settings.views]
-    shown = (*stages_of(settings.definition), SEEN)
+    shown = (*stages_of(settings.definition), "seen")
     pictures = {s: {n: Png(f"{s} {n}".encode()) for n in names} for s in shown}
-    return Album(pictures, settings.image_size)
+    return Album(pictures, pictures.pop("seen"), settings.image_size)
 
 
 def everything_said(settings: Settings, folder: Path) -> list[Request]:
@@ -90,7 +90,7 @@ def everything_said(settings: Settings, folder: Path) -> list[Request]:
     conversation.ask(reward_prompt(seen, RULES, shown, "nothing"), ProgramAnswer)
     bench = {name: Png(name.encode()) for name in ("left", "right")}
     order_pictures(begin(), bench, "", [*bench])
-    trained = Trained("run", "reward = 1", "text.txt", "step, return", 1000, (Png(b"still"),))
+    trained = Trained("reward = 1", "step, return", 1000, (Png(b"still"),))
     begin().ask(trained.prompt(reward_prompt(seen, RULES, shown)), ProgramAnswer)
     patch.undo()
     return provider.asked

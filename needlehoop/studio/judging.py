@@ -17,7 +17,7 @@ import torch
 from needlehoop.config import composing
 from needlehoop.config.strict import as_type, value
 from needlehoop.disturbances.axes import Disturb
-from needlehoop.engines.contract import FIELDS, Channels, Frame
+from needlehoop.engines.contract import FIELDS, Channels
 from needlehoop.engines.rasteriser.renderer import CpuRasteriser
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller, rollout
@@ -30,7 +30,7 @@ from needlehoop.probe.measuring import Plan
 from needlehoop.probe.scores import load
 from needlehoop.vlm.config import InquiryConfig, ManualConfig
 from needlehoop.vlm.inquiry import Inquiry
-from needlehoop.vlm.manual import UnansweredError
+from needlehoop.vlm.providers import UnansweredError
 from needlehoop.vlm.questions import Lists, Questions
 
 _AWAY = 1000.0
@@ -69,7 +69,8 @@ def visibility(settings: Settings) -> dict[str, dict[str, Shown]]:
         }
         for k in numbers:
             fields["geom_xpos"][k, part != k] = _AWAY
-        labels = [thing_of[_geoms(frame) + 1] for frame in camera.render(fields).values()]
+        frames: Any = camera.render(fields)
+        labels = [thing_of[frame.geom.numpy() + 1] for frame in frames.values()]
         counts.append(
             [[((own[0] == k).sum(), (own[k] == k).sum()) for k in numbers] for own in labels]
         )
@@ -83,25 +84,18 @@ def visibility(settings: Settings) -> dict[str, dict[str, Shown]]:
     }
 
 
-def _geoms(frame: Frame) -> np.ndarray:
-    assert frame.geom is not None
-    return frame.geom.numpy()
-
-
 class _Bar:
     """Stands in for tqdm's bar; ``told`` gets the share that is done, and may raise to stop."""
 
     def __init__(self, total: int, told: Callable[[float], None]):
         self._total, self._done, self._told = total, 0, told
 
-    def update(self) -> None:
-        """One more is done."""
-        self._done += 1
+    def update(self, more: int = 1) -> None:
+        self._done += more
         self._told(self._done / self._total)
 
     def set_description(self, _: str) -> None:
-        """Nothing more is done, but it is a time to stop."""
-        self._told(self._done / self._total)
+        self.update(0)
 
 
 def probe_scores(
@@ -112,9 +106,8 @@ def probe_scores(
 ) -> dict[str, float]:
     """The probe's score of each camera, and of all together, the best first; takes minutes.
 
-    Args:
-        told: called with the share of the work that is done.
-        changes: to the plan of ``conf/probe.yaml``, such as ``episodes`` or ``fit``.
+    ``told`` is called with the share of the work that is done. ``changes`` are to the plan of
+    ``conf/probe.yaml``, such as ``episodes`` or ``fit``.
     """
     sets = tuple((name,) for name in cams) + ((cams,) if len(cams) > 1 else ())
     values = composing.compose((), "probe")
@@ -134,16 +127,10 @@ def ranking_question(
 ) -> tuple[Path, list[str]]:
     """Write the question that asks a model to rank cameras, as ``vlm=manual`` does.
 
-    Asked again, it reads the answer that was put beside the question.
-
-    Args:
-        results: folder below which the question is kept. The same cameras have the same place.
-
-    Returns:
-        The question's folder, and the cameras from best to worst; none while there is no answer.
-
-    Raises:
-        ValueError: fewer than two cameras, a task that is told to no model, or a wrong answer.
+    It is kept below ``results``, the same cameras in the same place. Asked again, this reads the
+    answer that was put beside it. Returns the question's folder, and the cameras from best to
+    worst; none while there is no answer. ``ValueError``: fewer than two cameras, a task that is
+    told to no model, or a wrong answer.
     """
     if len(cams) < 2:
         raise ValueError("cams: there is nothing to rank; show two views or more")

@@ -25,7 +25,7 @@ from needlehoop.runs.files import CHECKPOINT, CONFIG
 from needlehoop.runs.machine import held, provenance
 from needlehoop.runs.run import Run
 from needlehoop.tasks.contract import Task
-from needlehoop.vlm.config import Gates, InquiryConfig, config_of
+from needlehoop.vlm.config import KINDS, Gates, InquiryConfig
 from needlehoop.vlm.gate_report import gate_report
 from needlehoop.vlm.inquiry import Inquiry
 from needlehoop.vlm.writing import ProgramRules, program_rules
@@ -206,8 +206,9 @@ def inquiry(values: Mapping[str, Any]) -> tuple[InquiryConfig, Any]:
 def provider_config(values: Any) -> Any:
     """The settings of who answers, from the group ``vlm``; errors as in ``inquiry``."""
     given = strict.structure(values, Mapping[str, Any], "vlm")
-    kind = strict.structure(given.get("kind"), str, "vlm.kind")
-    return strict.structure(given, config_of(kind), "vlm")
+    kind: Any = given.get("kind")
+    check_names("vlm.kind", [kind], tuple(KINDS))
+    return strict.structure(given, KINDS[kind], "vlm")
 
 
 def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:

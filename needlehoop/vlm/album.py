@@ -14,15 +14,15 @@ from pydantic import TypeAdapter
 
 from needlehoop.envs.settings import Settings
 from needlehoop.pictures.stills import stages, to_rgb
-from needlehoop.runs.run import Run
+from needlehoop.runs.files import write_whole
 from needlehoop.scene.cameras import Rendering
 from needlehoop.scene.image_size import ImageSize, scaled_to, sides
 from needlehoop.vlm import description
 from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.record import Record
 
-SEEN = "seen"
-"""The stages of ``_seen`` again, side by side, at the agent's own resolution."""
+_SEEN = "seen"
+"""In ``pictures.json``: what ``Album.seen`` has."""
 
 _KINDS = (".png", ".jpg", ".jpeg")
 
@@ -35,34 +35,30 @@ class Album:
     differently, and its requests would then match no recorded answer.
     """
 
-    pictures: Mapping[str, Mapping[str, Png]]
-    """By stage (see ``description.stages_of``, and ``SEEN``) and camera."""
+    stages: Mapping[str, Mapping[str, Png]]
+    """By stage (see ``description.stages_of``) and camera."""
+    seen: Mapping[str, Png]
+    """The stages of ``_seen`` again, side by side, at the agent's own resolution."""
     pixels: ImageSize
-    names: Sequence[str] = ()
-    """The stages as they are named to the model, in order; none: by their own names."""
 
-    def _stages(self) -> dict[str, str]:
-        """Names by stage."""
-        own = [stage for stage in self.pictures if stage != SEEN]
-        return dict(zip(own, self.names or own, strict=True))
+    def renamed(self, names: Sequence[str]) -> Album:
+        """The same pictures, with other names of the stages, in their order."""
+        return replace(self, stages=dict(zip(names, self.stages.values(), strict=True)))
 
     def show(self, cameras: Sequence[str], *stages: str) -> list[Part]:
         """Pictures, stage by stage (all, or ``stages``), each after a line that names it."""
-        names = self._stages()
         return [
             part
-            for stage in stages or names
+            for stage in stages or self.stages
             for camera in cameras
-            for part in (f"{camera}, {names[stage]}:", self.pictures[stage][camera])
+            for part in (f"{camera}, {stage}:", self.stages[stage][camera])
         ]
 
     def show_seen(self, cameras: Sequence[str]) -> list[Part]:
         """Two stages at the agent's own resolution, enlarged."""
-        (width, height), names = sides(self.pixels), self._stages()
-        two = ", ".join(names[stage] for stage in _seen([*names]))
+        (width, height), two = sides(self.pixels), ", ".join(_seen([*self.stages]))
         said = f"as the agent sees it, {width} x {height} pixels (enlarged), {two}:"
-        shown = self.pictures[SEEN]
-        return [part for camera in cameras for part in (f"{camera} {said}", shown[camera])]
+        return [part for camera in cameras for part in (f"{camera} {said}", self.seen[camera])]
 
 
 def _seen(stages: Sequence[str]) -> tuple[str, str]:
@@ -81,7 +77,6 @@ def open_album(record: Record, settings: Settings, size: int) -> Album:
         )
     of = ("task", "episode", "psm", "renderings", "seed", "quality", "image_size")
     values = {**{name: getattr(settings, name) for name in of}, "size": size}
-    # Keys at their defaults are left out: older records know none of them.
     values["views"] = {name: view.given for name, view in settings.views.items()}
     # Everything that the pictures depend on, as plain JSON values.
     scene = TypeAdapter(dict[str, Any]).dump_python(values, mode="json")
@@ -92,7 +87,7 @@ def open_album(record: Record, settings: Settings, size: int) -> Album:
             for stage, shown in _take(settings, size).items()
         }
         text = json.dumps({"scene": scene, "pictures": hashes}, indent=2)
-        Run(record.folder).write("pictures.json", text + "\n")
+        write_whole(path, text + "\n")
     kept = json.loads(path.read_text())
     if kept["scene"] != scene:
         odd = [key for key in scene if kept["scene"].get(key) != scene[key]]
@@ -104,7 +99,7 @@ def open_album(record: Record, settings: Settings, size: int) -> Album:
         stage: {camera: record.picture(sha256) for camera, sha256 in shown.items()}
         for stage, shown in kept["pictures"].items()
     }
-    return Album(pictures, settings.image_size)
+    return Album(pictures, pictures.pop(_SEEN), settings.image_size)
 
 
 def _take(settings: Settings, size: int) -> dict[str, dict[str, Png]]:
@@ -116,14 +111,14 @@ def _take(settings: Settings, size: int) -> dict[str, dict[str, Png]]:
     taken, own = stages(large, *shown), stages(alone, *_seen(shown))
     # Each pixel is repeated, to come as near as possible to the other pictures' size.
     times = max(1, round(size / max(sides(settings.image_size))))
-    found: dict[str, dict[str, Png]] = {stage: {} for stage in (*shown, SEEN)}
+    found: dict[str, dict[str, Png]] = {stage: {} for stage in (*shown, _SEEN)}
     for name in cameras:
         for stage in shown:
             picture = all_channels(taken[stage][name], kinds[name])
             found[stage][name] = Png.of(Image.fromarray(picture))
         small = (own[stage][name].repeat(times, 1).repeat(times, 2) for stage in _seen(shown))
         pair = _side_by_side(*(all_channels(image, kinds[name]) for image in small))
-        found[SEEN][name] = Png.of(Image.fromarray(pair))
+        found[_SEEN][name] = Png.of(Image.fromarray(pair))
     return found
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from needlehoop.config.strict import Amount, OneOf, Positive, Range, Real, Seed, Share, check_names
+from needlehoop.config.strict import Amount, OneOf, Positive, Range, Real, Seed, Share
 from needlehoop.runs.files import check_folder, check_name
 from needlehoop.runs.shipped import RECORDINGS
 
@@ -73,7 +73,6 @@ class Gates:
 
     @property
     def top(self) -> float:
-        """The largest allowed value."""
         return self.high + self.bonus
 
 
@@ -130,15 +129,12 @@ class LiveConfig:
 
     @property
     def sent(self) -> dict[str, Any]:
-        """The sampling settings that are sent."""
         return {name: value for name, value in self.sampling.items() if value is not None}
 
     def read_key(self) -> str | None:
         """The key; ``ValueError`` if its variable is not set."""
-        if self.key is None:
-            return None
-        value = os.environ.get(self.key, "").strip()
-        if not value:
+        value = self.key and os.environ.get(self.key, "").strip()
+        if value == "":
             raise ValueError(
                 f"vlm.key: the environment variable {self.key} is not set; set it to your key,"
                 " or replay a recording with vlm=replay"
@@ -159,10 +155,10 @@ class ManualConfig:
 
 VlmConfig = ReplayConfig | LiveConfig | ManualConfig
 
-
-def config_of(kind: str) -> type[VlmConfig]:
-    """The type of the settings of a ``vlm.kind``; ``ValueError`` for an unknown one."""
-    live = LiveConfig
-    kinds = {"replay": ReplayConfig, "gemini": live, "openai": live, "manual": ManualConfig}
-    check_names("vlm.kind", (kind,), tuple(kinds))
-    return kinds[kind]
+KINDS: dict[str, type[VlmConfig]] = {
+    "replay": ReplayConfig,
+    "gemini": LiveConfig,
+    "openai": LiveConfig,
+    "manual": ManualConfig,
+}
+"""Who answers, by ``vlm.kind``."""

@@ -113,7 +113,6 @@ def totals_of(exchanges: Iterable[Exchange]) -> dict[str, dict[str, int]]:
 
 
 def in_words(found: Mapping[str, int]) -> str:
-    """Totals in a line."""
     prompts, into, out, unknown, invalid = found.values()
     unknown = f"; {unknown} prompts not counted" if unknown else ""
     return (
@@ -152,15 +151,11 @@ class Form(BaseModel):
 
 
 class Subtask(Form):
-    """A part of the task."""
-
     name: Text
     description: Text
 
 
 class Subtasks(Form):
-    """The task in two parts."""
-
     first: Subtask
     second: Subtask
 

@@ -6,7 +6,6 @@ from the settings. A model is told nothing of the human reward, and no limit tha
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -25,7 +24,7 @@ from needlehoop.tasks.contract import Task, Telling
 from needlehoop.vlm.moments import ranges
 
 _GENERAL = Path(__file__).parent / "prompts"
-_INTO = ("scene", "signals")
+_INTO = {"scene", "signals"}
 """Texts of a task that general ones take in."""
 
 
@@ -49,14 +48,10 @@ def texts(task: Task) -> dict[str, str]:
     """
     telling = telling_of(task)
     own = _read(telling.texts)
-    odd = sorted({*_INTO} - {*own} | {*own} - {*_INTO, *telling.moments})
-    if odd:
+    if odd := sorted((_INTO - {*own}) | ({*own} - _INTO - {*telling.moments})):
         raise ValueError(f"{telling.texts}: {odd[0]}.txt is missing or not asked for")
-    words = {
-        **{f"task_{name}": own.pop(name).strip() for name in _INTO},
-        "goal": telling.goal,
-        "done": telling.done,
-    }
+    words = {f"task_{name}": own.pop(name).strip() for name in _INTO}
+    words |= {"goal": telling.goal, "done": telling.done}
     general = _read(_GENERAL).items()
     return {name: Template(text).safe_substitute(words) for name, text in general} | own
 
@@ -77,15 +72,6 @@ def stages_of(task: Task) -> dict[str, str]:
     return {"start": "an episode begins", **telling.moments, "goal": telling.goal}
 
 
-def edition_of(task: Task) -> str:
-    """The hash of all prompts for a task and of the stages that they show, names included."""
-    digest = hashlib.sha256()
-    said = {f"{name}.txt": text for name, text in texts(task).items()} | stages_of(task)
-    for name, text in sorted(said.items()):
-        digest.update(f"{name}\0{text}\0".encode())
-    return digest.hexdigest()
-
-
 def scene(settings: Settings, prompt_detail: str = "full") -> str:
     """What stands where, what the task is, and what an agent can do.
 
@@ -95,9 +81,9 @@ def scene(settings: Settings, prompt_detail: str = "full") -> str:
         period = f"{1000 * settings.period:g}"
         return fill("scene", settings.definition, **_task_values(settings), milliseconds=period)
     nothing = fill("told_nothing")
-    if prompt_detail == "nothing":
-        return nothing
-    return fill("told_names", nothing=nothing, ranges=unexplained(settings))
+    if prompt_detail == "names":
+        return fill("told_names", nothing=nothing, ranges=unexplained(settings))
+    return nothing
 
 
 def stages(settings: Settings, prompt_detail: str = "full") -> str:
@@ -165,15 +151,13 @@ def view(view: View, task: Task, size: ImageSize) -> str:
     )
     width, height = sides(size)
     wide = 2000 * distance * math.tan(math.radians(view.fovy / 2)) * (width / height)
-    rolled = f", turned by {view.roll:g} degrees about its line of sight" if view.roll else ""
+    if view.roll:
+        where += f", turned by {view.roll:g} degrees about its line of sight"
+    far = f"{1000 * distance:.0f} mm from"
     if view.orbit is None:
-        return (
-            f"{where}{rolled}; at {1000 * distance:.0f} mm from it its image is {wide:.0f} mm wide"
-        )
-    return (
-        f"{where}{rolled}, {1000 * distance:.0f} mm from the point in the middle of its image,"
-        f" which is {wide:.0f} mm wide there"
-    )
+        return f"{where}; at {far} it its image is {wide:.0f} mm wide"
+    middle = "the point in the middle of its image"
+    return f"{where}, {far} {middle}, which is {wide:.0f} mm wide there"
 
 
 def _stand(view: View, front: str) -> tuple[str, float]:
@@ -189,11 +173,8 @@ def _stand(view: View, front: str) -> tuple[str, float]:
         distance = float(np.linalg.norm(view.focus - position))
     where = f"in front of {front}"
     if turn % 360:
-        side = "left" if turn > 0 else "right"
-        where = (
-            f"{abs(turn):g} degrees round from the front of {front}, to the {side} of one"
-            " who stands there and faces it"
-        )
+        side = f"to the {'left' if turn > 0 else 'right'} of one who stands there and faces it"
+        where = f"{abs(turn):g} degrees round from the front of {front}, {side}"
     return f"{where}, looking down at {elevation:g} degrees", distance
 
 
@@ -205,8 +186,8 @@ def _mount(view: View, body: str, task: Task) -> tuple[str, float]:
     position, quaternion = pose_of(view)
     if part is not None:
         straight = float(np.clip(line_of_sight(quaternion) @ part.along, -1.0, 1.0))
-        where += ", looking along it towards its tip"
-        where += f", {math.degrees(math.acos(straight)):.0f} degrees turned from that"
+        turned = f"{math.degrees(math.acos(straight)):.0f} degrees turned from that"
+        where += f", looking along it towards its tip, {turned}"
     return where, float(np.linalg.norm(view.focus - position))
 
 
@@ -218,9 +199,8 @@ def rendering(rendering: Rendering, telling: Telling, views: Mapping[str, View])
         "flat": f"one flat colour for each kind of thing (RGB: {classes}), all else black",
         "none": "",
     }[rendering.colour]
-    for name, remark in telling.painted.items():
-        if name in rendering.colours:
-            colours += f"; {remark}"
+    remarks = (said for name, said in telling.painted.items() if name in rendering.colours)
+    colours = "; ".join((colours, *remarks))
     if rendering.depth == "none":
         return colours
     near, far = _lengths(views, "near"), _lengths(views, "far")
@@ -250,15 +230,9 @@ def _lengths(views: Mapping[str, View], end: str) -> str:
 
 
 def language() -> str:
-    """The rules of reward programs."""
-    lines = "\n".join(f"- {row.signature}: {row.meaning}" for row in FUNCTIONS.values())
-    result = (
-        "The program's value is what it last assigns to the variable reward. Assigned names may not"
-        " be those of signals or functions."
-    )
-    return fill("language", functions=lines, result=result, exponent=MAX_EXPONENT)
+    lines = bullets({row.signature: row.meaning for row in FUNCTIONS.values()})
+    return fill("language", functions=lines, exponent=MAX_EXPONENT)
 
 
 def bullets(entries: Mapping[str, str]) -> str:
-    """One line for each entry: its name, then its text."""
     return "\n".join(f"- {name}: {text}" for name, text in entries.items())

@@ -138,30 +138,24 @@ def gate_report(
 def _judge(found: GateReport, cheating: str) -> tuple[list[str], list[str]]:
     """Why a program is refused, and what is flagged. "not >=" holds for NaN too."""
     g, reasons, flags = found.gates, [], []
-    for bad, total, what in (
-        (found.not_finite_random, found.random_signals, "random signals"),
-        (found.not_finite_recorded, found.recorded_moments, "recorded moments"),
-    ):
-        if bad:
-            reasons.append(f"not finite on {bad} of {total} {what}")
+    if bad := found.not_finite_random:
+        reasons.append(f"not finite on {bad} of {found.random_signals} random signals")
+    if bad := found.not_finite_recorded:
+        reasons.append(f"not finite on {bad} of {found.recorded_moments} recorded moments")
     if g.range == "refuse":
         if not found.lowest >= g.low - g.tolerance:
             reasons.append(f"falls to {found.lowest:.3f}; the least allowed is {g.low:g}")
         if not found.highest <= g.top + g.tolerance:
-            reasons.append(
-                f"rises to {found.highest:.3f}; the most allowed is {g.high:g} and a bonus of"
-                f" {g.bonus:g}"
-            )
-    if not found.expert - found.random >= g.margin:
-        reasons.append(
-            f"the expert ends {found.expert - found.random:.3f} above a random policy; at least"
-            f" {g.margin:g} is asked"
-        )
-    if found.cheat is not None and not found.expert - found.cheat >= g.audit_margin:
-        (reasons if g.audit == "refuse" else flags).append(
-            f"{cheating} ends {found.expert - found.cheat:.3f} below the expert; at least"
-            f" {g.audit_margin:g} is asked"
-        )
+            most = f"{g.high:g} and a bonus of {g.bonus:g}"
+            reasons.append(f"rises to {found.highest:.3f}; the most allowed is {most}")
+    above = found.expert - found.random
+    if not above >= g.margin:
+        least = f"at least {g.margin:g} is asked"
+        reasons.append(f"the expert ends {above:.3f} above a random policy; {least}")
+    below = g.audit_margin if found.cheat is None else found.expert - found.cheat
+    if not below >= g.audit_margin:
+        said = f"{cheating} ends {below:.3f} below the expert; at least {g.audit_margin:g} is asked"
+        (reasons if g.audit == "refuse" else flags).append(said)
     for how, below in found.stopped.items():
         if not below >= g.stop_margin - g.tolerance:
             far = f"{-below:.3f} above" if below < 0 else f"only {below:.3f} below"

@@ -10,6 +10,7 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
+from needlehoop.config.strict import check_names
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards.program_reward import file_name
 from needlehoop.runs.files import csv_text, write_whole
@@ -17,9 +18,10 @@ from needlehoop.runs.run import Run
 from needlehoop.study.data.answers import QUESTIONS, RANKINGS, as_rows
 from needlehoop.vlm import description, questions, writing
 from needlehoop.vlm.album import Album, open_album
-from needlehoop.vlm.config import InquiryConfig, ManualConfig, ReplayConfig, VlmConfig, transcripts
+from needlehoop.vlm.config import InquiryConfig, ReplayConfig, VlmConfig, transcripts
 from needlehoop.vlm.conversation import Conversation, NoAnswerError, totals_of
 from needlehoop.vlm.messages import Part, Png
+from needlehoop.vlm.providers import provider_of
 from needlehoop.vlm.questions import Lists, Questions
 from needlehoop.vlm.record import Record
 from needlehoop.vlm.writing import ProgramRules, Trained
@@ -33,26 +35,20 @@ class Inquiry(AbstractContextManager):
     """
 
     def __init__(self, settings: Settings, config: InquiryConfig, vlm: VlmConfig):
-        prompts = description.edition_of(settings.definition)
+        description.texts(settings.definition)
         self._settings, self._config, self._detail = settings, config, vlm.told
         self.folder, self._files = config.folder, Run(config.folder)
         self._live = not isinstance(vlm, ReplayConfig)
         if isinstance(vlm, ReplayConfig):
-            self.record = Record(vlm.folder(self.folder), prompts=prompts)
+            self.record = Record(vlm.folder(self.folder))
             if not self.record.exchanges:
                 raise ValueError(
                     f"vlm.recording: nothing is recorded in {self.record.path}; ask a model"
                     " with vlm=gemini, openai or manual, or name another recording: a folder, or"
                     f" {', '.join(transcripts())}"
                 )
-        elif isinstance(vlm, ManualConfig):
-            from needlehoop.vlm.manual import Manual
-
-            self.record = Record(self.folder, Manual(vlm, self.folder), prompts)
         else:
-            from needlehoop.vlm.live import live_provider
-
-            self.record = Record(self.folder, live_provider(vlm), prompts)
+            self.record = Record(self.folder, provider_of(vlm, self.folder))
 
     def __exit__(self, *_: object) -> None:
         if self.folder.exists():
@@ -68,7 +64,7 @@ class Inquiry(AbstractContextManager):
                 f"vlm.told: {self._detail!r} is for rankings and rewards; these questions are about"
                 " the task, so they are asked with full"
             )
-        asked.check(self._settings)
+        check_names("shown", asked.shown, tuple(self._settings.renderings))
         album = self._album()
         self._clear("question", "rank", files=(QUESTIONS, RANKINGS))
         return self._question(self._begin("question"), album, asked)
@@ -90,7 +86,7 @@ class Inquiry(AbstractContextManager):
         are ranked afresh, or with less told, go into ``rankings_afresh.json`` (``_names``,
         ``_nothing``) and so on, each from a conversation of its own.
         """
-        asked.check(self._settings)
+        check_names("shown", asked.shown, tuple(self._settings.renderings))
         lists.check(self._settings, asked.shown)
         how, detail, settings = self.ranked(lists), self._detail, self._settings
         scene = description.scene(settings, detail) if how else ""
@@ -104,8 +100,7 @@ class Inquiry(AbstractContextManager):
                 conversation = self._begin(f"rank{how}/{number}{again}")
                 # For sets the views that they have are described, for lists all views.
                 own = questions.narrowed(settings, sets) if lists.sets else settings
-                words = lists.words or not lists.sets
-                before = questions.opening(own, album, sets, detail, scene, words)
+                before = questions.opening(own, album, sets, detail, scene)
             elif (number, part) == (1, 1):
                 self._question(conversation, album, asked)
                 conversation.name = "rank"
@@ -146,7 +141,7 @@ class Inquiry(AbstractContextManager):
         """What names of files and conversations say of how lists are ranked."""
         less = "" if self._detail == "full" else f"_{self._detail}"
         if lists.sets:
-            return f"_sets{'' if lists.words else '_wordless'}{less}"
+            return f"_sets{less}"
         return less or ("_afresh" if lists.afresh else "")
 
     def reward(
@@ -161,13 +156,11 @@ class Inquiry(AbstractContextManager):
         A ``text`` prompt does not depend on the cameras, so all camera sets of a study get the
         same recorded answers to it, as in the paper. Attempts that failed are in files too. Each
         of the ``samples`` has a conversation of its own. ``trained``: a run whose program is to be
-        made better. The answer becomes the next free sample, with a note of its descent beside it.
+        made better. The answer becomes the next free sample.
         """
         detail, settings, cameras = self._detail, self._settings, "+".join(self._settings.cams)
         if not cameras:
             raise ValueError("cams: name the cameras, such as cams=[dep_front,seg_side]")
-        if trained is not None and detail != "full":
-            raise ValueError("vlm.told: a program is revised with full")
         if detail == "nothing" and flavour == "text":
             raise ValueError("vlm.told: nothing goes with flavour=image, which shows pictures")
         if trained is None and self.has_rewards(flavour, samples) and not self._config.overwrite:
@@ -185,7 +178,7 @@ class Inquiry(AbstractContextManager):
             prompt = trained.prompt(prompt)
             # The first n of which not all are there lacks its last.
             free = next(n for n in count(1) if not self.has_rewards(flavour, n))
-            asked = {free: f"reward/{cameras}/{flavour}/revised/{trained.sha256[:12]}"}
+            asked = {free: f"reward/{cameras}/{flavour}/revised/{free}"}
         failed, paths = [], []
         for sample, name in asked.items():
             file, conversation = self._reward_file(flavour, sample), self._begin(name)
@@ -195,13 +188,10 @@ class Inquiry(AbstractContextManager):
                 failed.append(str(error))
                 continue
             finally:
-                rows = writing.rows_of(conversation)
-                if rows:
+                if rows := writing.rows_of(conversation):
                     lines = "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in rows)
                     self._files.write(str(file.with_suffix(".attempts.jsonl")), lines)
             paths.append(self._files.write(str(file), source))
-            if trained is not None:
-                self._files.write(str(file.with_suffix(writing.DESCENT)), trained.descent())
         if failed:
             raise NoAnswerError("; ".join(failed))
         return paths

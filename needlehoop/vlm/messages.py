@@ -30,7 +30,6 @@ class Png:
 
     @property
     def sha256(self) -> str:
-        """The picture's name in records."""
         return hashlib.sha256(self.png).hexdigest()
 
 

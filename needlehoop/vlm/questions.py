@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import numpy as np
 from scipy.stats import kendalltau
 
-from needlehoop.config.strict import Range, check_names
+from needlehoop.config.strict import Range
 from needlehoop.envs.settings import Settings
 from needlehoop.runs.files import csv_text
 from needlehoop.scene.cameras import parse_cameras
@@ -44,10 +44,6 @@ class Questions:
         _check_different("shown", self.shown)
         _check_different("layouts", [*self.layouts])
 
-    def check(self, settings: Settings) -> None:
-        """``ValueError``: a rendering that the scene does not have."""
-        check_names("shown", self.shown, tuple(settings.renderings))
-
 
 @dataclass(frozen=True)
 class Lists:
@@ -57,13 +53,10 @@ class Lists:
     samples: Samples
     afresh: bool
     sets: tuple[tuple[str, ...], ...] = ()
-    words: bool = True
     group: Annotated[int, Range(2, 20)] = 5
     rounds: Annotated[int, Range(1, 100)] = 4
 
     def __post_init__(self) -> None:
-        if not self.lists:
-            raise ValueError("lists: there is nothing to rank")
         for key, lists in (("lists", self.lists), ("sets", self.sets)):
             for sets in lists:
                 _check_different(key, sets)
@@ -98,7 +91,8 @@ def question(
 ) -> dict[str, Any]:
     """Put all questions, in one new conversation; answers by question, as plain values."""
     views, shown, task = list(settings.views), list(questions.shown), settings.definition
-    first, *others = ([f"{rendering}_{view}" for view in views] for rendering in shown)
+    cameras = [f"{rendering}_{view}" for rendering in shown for view in views]
+    first, rest = cameras[: len(views)], cameras[len(views) :]
     text = fill(
         "subtasks",
         scene=description.scene(settings),
@@ -107,8 +101,7 @@ def question(
         rendering=shown[0],
     )
     subtasks = conversation.ask([text, *album.show(first)], Subtasks)
-    rest = [*chain(*others)]
-    pictures = [*album.show(rest), *album.show_seen([*first, *rest])]
+    pictures = [*album.show(rest), *album.show_seen(cameras)]
     suits = conversation.ask([fill("suits"), *pictures], choices(views, shown))
     moments = {
         fact: conversation.ask([fill(fact, task)], choice(views, shown)).model_dump()
@@ -151,17 +144,16 @@ def opening(
     sets: Sequence[str],
     prompt_detail: str,
     scene: str,
-    words: bool = True,
 ) -> list[Part]:
     """The scene and the pictures of all cameras of a list, where nothing else was asked before.
 
-    ``scene``: of ``description.scene``. ``words``: whether to say where cameras stand.
+    ``scene``: of ``description.scene``.
     """
     shown, said = narrowed(settings, sets), [scene]
-    if words and prompt_detail != "nothing":
+    if prompt_detail != "nothing":
         said.append(description.cameras(settings, [*shown.renderings]))
     said.append(description.stages(settings, prompt_detail))
-    album = replace(album, names=description.stage_names(settings, prompt_detail))
+    album = album.renamed(description.stage_names(settings, prompt_detail))
     text = fill(
         "rank_afresh", told="\n\n".join(said), pixels=description.extent(settings.image_size)
     )

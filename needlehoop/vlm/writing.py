@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import hashlib
-import json
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -136,7 +133,7 @@ def guess_prompt(settings: Settings, album: Album) -> list[Part]:
     """What asks a model, told nothing of the task, what it takes the task to be."""
     told = description.scene(settings, "names")
     said = fill("guess", told=told, stages=description.stages(settings, "nothing"))
-    shown = replace(album, names=description.stage_names(settings, "nothing"))
+    shown = album.renamed(description.stage_names(settings, "nothing"))
     return [said, *shown.show(settings.cams)]
 
 
@@ -146,9 +143,6 @@ def _bare(program: str) -> str:
     return (fenced.group(1) if fenced else program).strip() + "\n"
 
 
-DESCENT = ".descent.json"
-"""Ending of the file that says which run and program a revised one descends from."""
-
 _ROWS, _STILLS = 10, 6
 
 
@@ -156,27 +150,12 @@ _ROWS, _STILLS = 10, 6
 class Trained:
     """A program, and what came of a training on it."""
 
-    folder: str
     program: str
-    origin: str
-    """The file that the program came from."""
     curves: str
     """A table: step, return, terms, and the share of episodes in which the task was done."""
     steps: int
     stills: tuple[Png, ...]
     """Of the run's film, from its beginning to its end; none: there is no film."""
-
-    @property
-    def sha256(self) -> str:
-        """Of the program."""
-        return hashlib.sha256(self.program.encode()).hexdigest()
-
-    def descent(self) -> str:
-        """A note for a program that descends from this one: runs and programs, the latest last."""
-        note = Path(self.origin).with_suffix(DESCENT)
-        before = json.loads(note.read_text())["line"] if note.is_file() else []
-        own = {"run": self.folder, "program": self.origin, "sha256": self.sha256}
-        return json.dumps({"line": [*before, own]}, indent=2) + "\n"
 
     def prompt(self, reward: Sequence[Part]) -> list[Part]:
         """The question for a better program, after the one that asked for the first."""
@@ -196,15 +175,14 @@ def read_run(folder: Path, size: int) -> Trained:
 
     ``ValueError``: no run, or one whose reward was no program.
     """
-    reward = Run.open(folder).config()["reward"]
+    run = Run.open(folder, "revise")
+    reward = run.config()["reward"]
     if reward["kind"] not in KINDS:
         raise ValueError(f"revise: {folder} was trained on no program, so there is none to revise")
-    program = reward["program"]
-    with (folder / METRICS).open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = run.rows(METRICS)
     film, steps = folder / VIDEO, int(rows[-1]["step"])
     stills = _stills(film, size) if film.is_file() else ()
-    return Trained(str(folder), program["text"], program["origin"], _curves(rows), steps, stills)
+    return Trained(reward["program"]["text"], _curves(rows), steps, stills)
 
 
 def _curves(rows: Sequence[dict[str, str]]) -> str:
@@ -216,21 +194,20 @@ def _curves(rows: Sequence[dict[str, str]]) -> str:
     terms = [name for name in rows[0] if name.startswith("term_")]
     columns = ["return", *terms, "success"]
     lines = [", ".join(("step", "return", *(name[5:] for name in terms), "done"))]
-    for number in dict.fromkeys(_evenly(len(rows), _ROWS)):
-        row = rows[number]
+    for row in (rows[number] for number in _evenly(len(rows), _ROWS)):
         values = (f"{float(row[c]):.3g}".replace("nan", "-") if row[c] else "-" for c in columns)
         lines.append(", ".join((row["step"], *values)))
     return "\n".join(lines)
 
 
 def _evenly(count: int, chosen: int) -> list[int]:
-    """Places in a list of ``count`` entries, from the first to the last."""
-    return [round(i * (count - 1) / (chosen - 1)) for i in range(chosen)]
+    """Different places in a list of ``count`` entries, from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, chosen).round().astype(int)).tolist()
 
 
 def _stills(film: Path, size: int) -> tuple[Png, ...]:
-    with imageio.get_reader(film) as opened:
-        reader: Any = opened
+    reader: Any = imageio.get_reader(film)
+    with reader:
         frames = [np.asarray(frame) for frame in reader]
     chosen = _evenly(len(frames), _STILLS)
     return tuple(Png.of(Image.fromarray(frames[number]), size) for number in chosen)

@@ -12,8 +12,8 @@ from needle_task import compile_program, random_signals
 from needlehoop.cli.main import main
 from needlehoop.config import composing, strict
 from needlehoop.envs.settings import settings_from
-from needlehoop.rewards.language import program as language
 from needlehoop.runs.shipped import RECORDINGS
+from needlehoop.tasks.contract import Task
 from needlehoop.tasks.needle_hoop import TASK
 from needlehoop.vlm import writing
 from needlehoop.vlm.config import Gates
@@ -32,13 +32,10 @@ reward = reach + held + near + through
 FOOLED = "reward = 9 * exp(-50 * distance(needle_tip, goal))"
 
 
-def made(overrides: list[str]) -> Gates:
-    return strict.value(composing.compose(overrides, "check"), "gates", Gates)
-
-
 @pytest.fixture(scope="module")
 def gates() -> Gates:
-    return replace(made([]), episodes=2, random_signals=2000, random_episodes=4, stop_episodes=4)
+    shipped = strict.value(composing.compose([], "check"), "gates", Gates)
+    return replace(shipped, episodes=2, random_signals=2000, random_episodes=4, stop_episodes=4)
 
 
 @pytest.fixture(scope="module")
@@ -88,16 +85,11 @@ def test_what_is_not_finite_is_refused(judge):
     assert found.not_finite_random == found.random_signals
 
 
-@pytest.mark.parametrize(
-    ("end", "reason"),
-    [("reward = reach + held + near + 20", "rises to"), ("reward = held - 1", "falls to -1.000")],
-)
-def test_a_range_that_is_too_wide_is_refused_or_clipped(judge, end, reason):
-    source = SOUND.replace("reward = reach + held + near + through", end)
-    refused = judge(source)
-    assert [reason in why for why in refused.reasons].count(True) == 1
-    clipped = judge(source, range="clip")
-    assert not any(reason in why for why in clipped.reasons)
+def test_a_range_that_is_too_wide_is_refused_or_clipped(judge):
+    source = f"{SOUND.strip()} * 30 - 1"
+    refused, clipped = judge(source), judge(source, range="clip")
+    assert [why.split(";")[0][:8] for why in refused.reasons] == ["falls to", "rises to"]
+    assert clipped.passed
     assert (clipped.lowest, clipped.highest) == (refused.lowest, refused.highest)
     assert clipped.gates.low <= clipped.random <= clipped.expert <= clipped.gates.top
 
@@ -120,7 +112,6 @@ def test_a_program_that_the_cheat_fools_is_flagged(judge):
     [
         # Time passes by itself.
         ("reward = 9 * (1 - elapsed)", 0.0),
-        ("reward = 9 * exp(-200 * distance(needle_tip, goal))", 0.0),
         ("reward = 9 * exp(-20 * distance(tool_midpoint, pickup_point))", 1.0),
     ],
 )
@@ -133,20 +124,20 @@ def test_how_often_random_actions_are_paid(judge, source, share):
 
 
 def test_the_papers_own_rewards_are_seen_through(judge):
-    """Its text-only reward was gamed in training; of the others, one leaves the range."""
+    """Its text reward was gamed in training: the hoop's centre pays more than going through."""
     files = (RECORDINGS / "paper/rewards").glob("*/*.txt")
     found = {f"{path.parent.name}/{path.stem}": judge(path.read_text()) for path in files}
     assert len(found) == 4
     text = found.pop("any/text")
     assert text.passed
     assert "touching the goal without threading" in text.flags[0]
-    assert text.expert - text.cheat < 0.1
+    assert text.flags[1].startswith("the teacher holding still at touched ends 0.")
+    assert text.flags[1].endswith(" above finishing the task")
     assert text.paid > 0.5
     # Random actions hardly ever change the others.
     assert all(one.paid < 0.1 and "random steps" in one.flags[-1] for one in found.values())
-    refused = {name: one.reasons for name, one in found.items() if not one.passed}
-    assert list(refused) == ["dep_front+rgb_side/image"]
-    assert ["rises to" in reason for reason in refused["dep_front+rgb_side/image"]] == [True]
+    (refused,) = (one for one in found.values() if not one.passed)
+    assert ["rises to" in reason for reason in refused.reasons] == [True]
 
 
 def test_the_recorded_models_rewards_pass(judge):
@@ -157,17 +148,10 @@ def test_the_recorded_models_rewards_pass(judge):
     assert all(one.passed and one.paid > 0.4 for one in found)
 
 
-def test_a_program_that_pays_more_for_stopping_is_flagged(judge):
-    """The paper's text reward pays more for the hoop's centre than for going through."""
-    paper = (RECORDINGS / "paper/rewards/any/text.txt").read_text()
-    found = judge(paper)
-    assert found.passed
-    (said,) = [flag for flag in found.flags if "finishing the task" in flag]
-    assert said.startswith("the teacher holding still at touched ends 0.")
-    assert said.endswith(" above finishing the task")
-    assert said in judge(paper, stop="refuse").reasons
-    assert not any("finishing" in flag for flag in judge(SOUND).flags)
+def test_a_program_that_pays_more_for_stopping_is_flagged_or_refused(judge):
     assert any("finishing" in flag for flag in judge(SOUND, stop_margin=2.0).flags)
+    refused = judge(SOUND, stop_margin=2.0, stop="refuse")
+    assert any("finishing" in reason for reason in refused.reasons)
 
 
 def test_the_teacher_stops_where_facts_and_phases_say(seen):
@@ -187,54 +171,40 @@ def test_the_teacher_stops_where_facts_and_phases_say(seen):
         assert bool((short.elapsed == whole.elapsed).all())
         held = how.startswith("holding") and "reach" not in how
         assert bool((short.grasped == held).all()), how
-    half, _ = seen.stopped["holding still at half of insert"]
-    away = torch.linalg.vector_norm(half.needle_tip - half.goal, dim=-1)
-    assert float(away.min()) > 0.003
-    assert float(away.max()) < 0.03
 
 
-@pytest.mark.parametrize("task", ["reach", "peg_transfer"])
-def test_another_tasks_cheat_is_seen_through_and_not_named(task, gates, monkeypatch):
+def rules_of(task: str, gates: Gates) -> tuple[Task, writing.ProgramRules]:
     few = replace(gates, random_signals=160, random_episodes=2, stop_episodes=1, audit="refuse")
     own = settings_from(composing.compose([f"task={task}", "engine.threads=1"], "check"))
-    seen, goal = collect(own, few), own.definition.goal
-    assert f"holding still at half of {own.definition.phases[0].name}" in seen.stopped
-    for short, whole in seen.stopped.values():
-        assert not bool(getattr(short, goal).any())
-        assert bool(getattr(whole, goal).all())
-    monkeypatch.setattr(writing, "collect", lambda *_: seen)
-    rules = writing.program_rules(own, few)
-    if task == "reach":
-        # It has no cheat, and so no audit.
-        source = "reward = 9 * exp(-40 * distance(tool_midpoint, target))"
-        program = language.compile_program(source, own.definition.signals)
-        found = gate_report(program, own, few, seen)
-        assert found.cheat is None
-        assert found.passed
-        assert "cheat" not in str(found)
-        return
+    return own.definition, writing.program_rules(own, few)
+
+
+def test_another_tasks_cheat_is_seen_through_and_not_named(gates):
+    task, rules = rules_of("peg_transfer", gates)
     fooled = rules.judge("reward = 9 * exp(-20 * distance(block_position, goal))")
     assert fooled.reason is not None
     assert fooled.reason.startswith("an episode that fails at the task ends")
-    assert own.definition.cheating in fooled.report["reasons"][0]
-    honest = (
-        "near = exp(-20 * distance(block_position, goal))\nreward = near * (8 if jaw > 0.6 else 5)"
-    )
-    assert rules.judge(honest).reason is None
+    assert task.cheating in fooled.report["reasons"][0]
+    near = "near = exp(-20 * distance(block_position, goal))"
+    assert rules.judge(f"{near}\nreward = near * (8 if jaw > 0.6 else 5)").reason is None
+
+
+def test_a_task_without_a_cheat_has_no_audit(gates):
+    _, rules = rules_of("reach", gates)
+    found = rules.judge("reward = 9 * exp(-40 * distance(tool_midpoint, target))")
+    assert (found.reason, found.report["cheat"]) == (None, None)
 
 
 def test_random_signals_are_wild_but_possible():
     signals = random_signals(4000, seed=0)
     for name, row in TASK.signals.items():
         value = getattr(signals, name)
-        assert value.shape == (4000, *row.shape)
         if row.unit == "bool":
             assert 0.4 < float(value.double().mean()) < 0.6
         elif row.unit == "m":
             assert 0.29 < float(value.abs().max()) <= 0.3
         elif row.unit == "1" and row.shape:
             torch.testing.assert_close(value.norm(dim=-1), torch.ones(4000, dtype=torch.float64))
-    assert bool((random_signals(4000, seed=0) == signals).all())
 
 
 @pytest.fixture

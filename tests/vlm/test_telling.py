@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import csv
-import json
 import re
-import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -17,11 +15,9 @@ from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.pictures.stills import stages
 from needlehoop.study.data.answers import read_answers
 from needlehoop.tasks.needle_hoop import TASK as NEEDLE_HOOP
-from needlehoop.tasks.registry import find
 from needlehoop.vlm import description, inquiry
 from needlehoop.vlm.config import InquiryConfig
 from needlehoop.vlm.inquiry import Inquiry
-from needlehoop.vlm.record import EDITION
 
 OTHERS = ("reach", "peg_transfer")
 LIMITS = {
@@ -52,16 +48,6 @@ def test_other_tasks_are_told_in_their_own_words(task, tmp_path):
     assert text_of(other).lower() == said
 
 
-def test_an_edition_is_of_a_task_and_of_all_that_is_said_of_it(tmp_path):
-    shutil.copytree(NEEDLE_HOOP.telling.texts, tmp_path, dirs_exist_ok=True)
-    # A moment's own question would have no moment.
-    (tmp_path / "lifted.txt").unlink()
-    changes = ({}, {"texts": tmp_path}, {"texts": tmp_path, "moments": {}}, {"done": "elsewhere"})
-    tasks = [replace(NEEDLE_HOOP, telling=replace(NEEDLE_HOOP.telling, **c)) for c in changes]
-    tasks += [find(name) for name in OTHERS]
-    assert len({description.edition_of(task) for task in tasks}) == len(tasks)
-
-
 def test_a_text_too_many_or_too_few_is_named(tmp_path):
     task = replace(NEEDLE_HOOP, telling=replace(NEEDLE_HOOP.telling, texts=tmp_path))
     (tmp_path / "scene.txt").write_text("a table")
@@ -84,7 +70,7 @@ def test_a_task_without_words_is_refused_in_a_line(monkeypatch, tmp_path, capsys
 @pytest.mark.parametrize("task", OTHERS)
 def test_questions_on_moments_are_those_of_the_task(task, tmp_path, monkeypatch):
     s, provider = made(task), Obliging()
-    monkeypatch.setattr("needlehoop.vlm.live.live_provider", lambda _: provider)
+    monkeypatch.setattr(inquiry, "provider_of", lambda *_: provider)
     monkeypatch.setattr(inquiry, "open_album", lambda *_: album(s))
     config = InquiryConfig(str(tmp_path), "main", 64, 1, False)
     with Inquiry(s, config, CONFIG) as opened:
@@ -100,8 +86,6 @@ def test_questions_on_moments_are_those_of_the_task(task, tmp_path, monkeypatch)
     answers = read_answers(opened.folder)
     assert answers is not None
     assert [one.question for one in answers.questions] == [row["question"] for row in rows]
-    noted = json.loads((opened.folder / EDITION).read_text())
-    assert noted["sha256"] == description.edition_of(s.definition)
 
 
 def test_in_the_picture_of_the_goal_the_needle_is_through():

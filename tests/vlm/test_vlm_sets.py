@@ -24,7 +24,6 @@ def test_each_name_is_asked_about_once_a_round():
     groups = deal(NAMES, 5, 4)
     assert [len(group) for group in groups] == [5] * 16
     assert set(Counter(name for group in groups for name in group).values()) == {4}
-    assert groups[:4] != groups[4:8]
     assert sorted(map(len, deal(NAMES[:11], 5, 1))) == [3, 4, 4]
     assert deal(NAMES[:5], 5, 4) == [NAMES[:5]]
 
@@ -40,12 +39,10 @@ def test_a_long_list_is_put_in_the_order_of_its_groups():
     assert sum(a > b for a, b in combinations(order, 2)) < 19, order
     assert (order[0], order[-1]) == ("rgb_p01", "rgb_p20")
     assert all(0.5 <= one < 1 for one in found["sure"][0])
-
-
-def test_names_that_a_model_cannot_tell_apart_are_tied():
-    answer = {"places": [{"name": name} for name in "abc"], "sure": [0.5, 0.8]}
-    found = strengths("abc", [answer])
-    assert found["a"] == found["b"] > found["c"] > 0
+    # Names that a model cannot tell apart are as strong as each other.
+    tied = {"places": [{"name": name} for name in "abc"], "sure": [0.5, 0.8]}
+    told = strengths("abc", [tied])
+    assert told["a"] == told["b"] > told["c"] > 0
 
 
 def test_the_placements_are_what_is_drawn_and_no_cameras_elsewhere():
@@ -60,16 +57,13 @@ def test_the_placements_are_what_is_drawn_and_no_cameras_elsewhere():
         composing.compose(["cams=[rgb_p01]"], "config")
 
 
-@pytest.mark.parametrize("worded", [True, False])
-def test_any_sets_are_ranked_with_their_places_in_words(words, server, worded):
+def test_any_sets_are_ranked_with_their_places_in_words(words, server):
     chosen = ["sets=[rgb_side,dep_front,segdep_front]", "group=2", "rounds=2"]
-    assert main(["vlm", "rank", *chosen, f"words={worded}".lower(), *words]) == 0
-    how = "_sets" if worded else "_sets_wordless"
-    (found,) = json.loads(Path(f"results/main/vlm/rankings{how}.json").read_text())["lists"]
+    assert main(["vlm", "rank", *chosen, *words]) == 0
+    (found,) = json.loads(Path("results/main/vlm/rankings_sets.json").read_text())["lists"]
     assert sorted(found["combinations"]) == ["dep_front", "rgb_side", "segdep_front"]
     assert sorted(len(q["sets"]) for q in found["questions"]) == [1, 1, 2, 2]
-    said = json.dumps(server.requests)
-    assert ("45 degrees round from the front of the hoop" in said) == worded
+    assert "45 degrees round from the front of the hoop" in json.dumps(server.requests)
     shown = json.loads(Path("results/main/vlm/pictures.json").read_text())["pictures"]
     assert "rgb_default" not in shown["start"]
 
@@ -89,8 +83,6 @@ def test_pictures_of_a_bench_are_ranked_without_a_simulator(words, server, tmp_p
     assert "A gripper puts a nut on a bolt." in said
     assert "needle" not in said.replace("needlehoop", "")
     assert said.count("image/png") == 3
-    assert main(["vlm", "rank", f"pictures={folder}", "size=16"]) == 0
-    assert len(server.requests) == 1
 
 
 def test_a_mistake_names_the_key(words, server, capsys):
