@@ -213,5 +213,4 @@ def find(
 
 
 def file_name(flavour: str, sample: int) -> str:
-    """The name of a program's file: ``image.txt``, then ``image_2.txt``, …"""
     return f"{flavour}.txt" if sample == 1 else f"{flavour}_{sample}.txt"

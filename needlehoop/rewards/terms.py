@@ -34,7 +34,6 @@ class Sparse:
     goal: str
 
     def __call__(self, signals: Signals) -> dict[str, Tensor]:
-        """Terms ``(n,)`` by name."""
         return {"success": self.success * getattr(signals, self.goal).double()}
 
 

@@ -54,11 +54,8 @@ def test_the_papers_reward_can_be_said(signals):
 # Each expression beside what it means for one environment, as numpy says it.
 MEANT = {
     "elapsed + 2 * jaw - jaw_command / 4": lambda s: s.elapsed + 2 * s.jaw - s.jaw_command / 4,
-    "-(elapsed - 3)": lambda s: 3 - s.elapsed,
     "+elapsed": lambda s: s.elapsed,
-    "jaw ** 2": lambda s: s.jaw**2,
     "elapsed ** 0.5": lambda s: math.sqrt(s.elapsed),
-    "elapsed ** -1": lambda s: 1 / s.elapsed,
     "distance(goal, needle_tip)": lambda s: np.linalg.norm(s.goal - s.needle_tip),
     "distance(tool_quat, needle_quat)": lambda s: np.linalg.norm(s.tool_quat - s.needle_quat),
     "norm(joints)": lambda s: np.linalg.norm(s.joints),
@@ -69,7 +66,6 @@ MEANT = {
         1 - 2 * (s.tool_quat[1] ** 2 + s.tool_quat[2] ** 2)
     ),
     "norm(vector(1, elapsed, 2))": lambda s: np.linalg.norm([1, s.elapsed, 2]),
-    "norm(2 * goal - goal / 4)": lambda s: np.linalg.norm(1.75 * s.goal),
     "norm(-goal * elapsed)": lambda s: np.linalg.norm(s.goal * s.elapsed),
     "clip(jaw, -1, 1)": lambda s: np.clip(s.jaw, -1, 1),
     "exp(jaw)": lambda s: np.exp(s.jaw),
@@ -80,25 +76,16 @@ MEANT = {
     "min(jaw, elapsed, 0.2)": lambda s: min(s.jaw, s.elapsed, 0.2),
     "max(jaw, elapsed)": lambda s: max(s.jaw, s.elapsed),
     "where(jaw > 0, 1, elapsed)": lambda s: 1 if s.jaw > 0 else s.elapsed,
-    "norm(where(lifted, goal, hoop_axis))": lambda s: np.linalg.norm(
-        s.goal if s.lifted else s.hoop_axis
-    ),
     "norm(goal if lifted else vector(3, 0, 4))": lambda s: (
         np.linalg.norm(s.goal) if s.lifted else 5
     ),
     "2 if grasped else 1 if lifted else 0": lambda s: 2 if s.grasped else 1 if s.lifted else 0,
-    "grasped": lambda s: s.grasped,
     "3 * grasped + lifted": lambda s: 3 * s.grasped + s.lifted,
     "grasped and not lifted or jaw > 1": lambda s: (s.grasped and not s.lifted) or s.jaw > 1,
     "-1 < jaw <= 1": lambda s: -1 < s.jaw <= 1,
     "0.5 > elapsed >= 0.1 != jaw": lambda s: 0.5 > s.elapsed >= 0.1,
-    "grasped == lifted": lambda s: s.grasped == s.lifted,
     "jaw_1_touch != jaw_2_touch": lambda s: s.jaw_1_touch != s.jaw_2_touch,
-    "(1 + 2) * 3 - 8 / 4": lambda s: 7,
-    "True": lambda s: 1,
     "1 + (2 if True else 0) - 1": lambda s: 2,
-    "0 * elapsed + (2 if False else 3)": lambda s: 3,
-    "norm(vector(3, 4, 0))": lambda s: 5,
     "(\n  elapsed  # so far\n  + 1\n)": lambda s: s.elapsed + 1,
 }
 
@@ -156,13 +143,9 @@ def test_ifs_choose_in_each_environment():
         cases.add((elapsed < 0.25, elapsed < 0.5, lifted))
         assert (terms["a"][i], terms["b"][i]) == (a, b)
     assert len(cases) == 6
-
-
-def test_a_branch_that_is_not_taken_leaves_nothing_behind():
-    source = "if elapsed > 0:\n    reward = log(elapsed)\nelse:\n    reward = 7"
-    signals = random_signals(2, seed=0)
-    signals.elapsed = torch.tensor([0.0, 1.0], dtype=torch.float64)
-    assert compile_program(source)(signals)["reward"].tolist() == [7.0, 0.0]
+    # What is not finite in a branch that is not taken leaves nothing behind.
+    source = "if jaw > 9:\n    reward = log(jaw - jaw)\nelse:\n    reward = 7"
+    assert compile_program(source)(many)["reward"].tolist() == [7.0] * 200
 
 
 def test_a_variable_of_one_branch_is_refused_only_where_it_is_used():
@@ -177,27 +160,22 @@ def test_a_variable_of_one_branch_is_refused_only_where_it_is_used():
     ("end", "terms"),
     [
         ("reward = a + b + c", ("a", "b", "c")),
-        ("reward = a + grasped", ("a", "grasped")),
         ("reward = a + b\nc = 5\na = 6", ("a", "b")),
-        ("reward = 1\nreward = a + b", ("a", "b")),
         ("reward = a", ("reward",)),
         ("reward = a + 2 * b", ("reward",)),
         ("reward = a + a", ("reward",)),
         ("reward = a + b\nreward = reward + c", ("reward",)),
-        ("reward = a + b\nif lifted:\n    reward = 0", ("reward",)),
         ("if lifted:\n    reward = a + b\nelse:\n    reward = 0", ("reward",)),
     ],
 )
 def test_terms_are_the_names_of_the_last_sum(end, terms, signals):
-    program, before = (
-        compile_program(f"a = jaw\nb = elapsed\nc = jaw * elapsed\n{end}"),
-        signals.clone(),
-    )
+    program = compile_program(f"a = jaw\nb = elapsed\nc = jaw * elapsed\n{end}")
+    before = signals.clone()
     assert program.terms == terms
     found = program(signals)
     assert tuple(found) == terms
     assert all(term.shape == (N,) and term.dtype == torch.float64 for term in found.values())
-    if end.startswith("reward = a + b\nc = 5"):
+    if "a" in terms:
         torch.testing.assert_close(found["a"], signals.jaw, rtol=0, atol=0)
     # Terms do not share memory with the signals.
     for term in found.values():

@@ -132,7 +132,6 @@ class _Walk:
         """How many operations and ifs are around what is walked."""
 
     def terms(self, body: list[ast.stmt]) -> dict[str, Tensor]:
-        """The terms' numbers by name."""
         self._block(body)
         last = self._last
         if last is None or RESULT not in self._variables:
@@ -250,7 +249,6 @@ class _Walk:
                 raise foreign(node, node)
 
     def _name(self, node: ast.AST, name: str) -> Tensor:
-        """The value of a variable or a signal."""
         if name in self._variables:
             return self._variables[name]
         if name not in self._table:
