@@ -69,7 +69,6 @@ def studio(options: argparse.Namespace) -> None:
         words=[w for w in words if not w.startswith(("cams=", "conf_dir="))],
         conf_dir=next(iter(typed(words, "conf_dir")), _FOLDER),
         results=asked.results,
-        run=run,
     )
     page = Page(world, source, asked.host, asked.port)
     try:

@@ -2,32 +2,24 @@
 
 from __future__ import annotations
 
-import csv
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import viser
-from viser import uplot
 
 from needlehoop.disturbances.axes import AXES
 from needlehoop.envs.settings import Settings
-from needlehoop.runs.files import EVALUATIONS
-from needlehoop.runs.reading import read_text
 from needlehoop.scene.cameras import View, pose_of
 from needlehoop.scene.image_size import typed
 from needlehoop.studio import judging, placing
 from needlehoop.studio.players import BY_HAND, Hand, has_sliders
 from needlehoop.studio.stage import Stage
 from needlehoop.studio.world import Frame, World
-
-_CURVES = ("success", "return")
-"""Columns of a run's evaluations that are drawn."""
 
 
 @dataclass(frozen=True)
@@ -42,20 +34,10 @@ class Source:
     """Where views are saved."""
     results: str
     """Where questions to a model are kept."""
-    run: Path | None
-    """A run's folder, whose curves are shown."""
-
-
-class StoppedError(Exception):
-    """The page was closed while it judged."""
 
 
 class Page:
-    """Serves a world; every tab shows the same.
-
-    Args:
-        port: the first free one from here on is taken.
-    """
+    """Serves a world; every tab shows the same. ``port``: the first free one from here on."""
 
     def __init__(self, world: World, source: Source, host: str, port: int):
         self.world, self._source = world, source
@@ -85,9 +67,6 @@ class Page:
             self._add_arm(gui, settings)
         with tabs.add_tab("Judge"):
             self._add_judges(gui)
-        if source.run is not None:
-            with tabs.add_tab("Run"):
-                _add_curves(gui, source.run)
         self._fill()
 
     def run(self, period: float) -> None:
@@ -105,7 +84,6 @@ class Page:
         self._server.stop()
 
     def show(self, frame: Frame) -> None:
-        """Show a moment in every tab."""
         wish = frame.wish
         with self._server.atomic(), self._silent():
             self._stage.show(frame.model, frame.position, frame.quaternion)
@@ -137,22 +115,18 @@ class Page:
                 return
             try:
                 does()
-            except (StoppedError, ValueError, RuntimeError, OSError) as error:
-                if self._is_closed:
-                    return
+            except (ValueError, RuntimeError, OSError) as error:
                 if event.client is None:
                     raise
-                event.client.add_notification("That did not work", str(error), color="red")
+                if not self._is_closed:
+                    event.client.add_notification("That did not work", str(error), color="red")
 
         is_button = isinstance(handle, viser.GuiButtonHandle)
         (handle.on_click if is_button else handle.on_update)(used)
         return handle
 
-    # What the cameras see.
-
     def _add_pictures(self, gui: viser.GuiApi, settings: Settings) -> None:
-        world = self.world
-        kinds = tuple(settings.renderings)
+        world, kinds = self.world, tuple(settings.renderings)
         self.rendering = gui.add_dropdown("rendering", kinds, initial_value=world.wish.rendering)
         self._on(self.rendering, lambda: world.want(rendering=self.rendering.value))
         self.axis = self._on(gui.add_dropdown("disturbance", ("none", *AXES)), self._disturb)
@@ -169,8 +143,6 @@ class Page:
         axis = AXES.get(self.axis.value)
         self._meaning.content = axis.meaning if axis else ""
         self.world.disturb(self.axis.value, self.severity.value)
-
-    # Cameras.
 
     def _add_camera(self, gui: viser.GuiApi, settings: Settings) -> None:
         self.view = gui.add_dropdown("camera", tuple(settings.views))
@@ -193,12 +165,10 @@ class Page:
         return self.world.wish.settings.views[self.world.wish.chosen]
 
     def choose(self, name: str) -> None:
-        """Choose the camera that the panel and the handle move."""
         self.world.want(chosen=name)
         self._fill()
 
     def _fill(self) -> None:
-        """Show the numbers of the chosen camera."""
         view = self._view
         with self._silent():
             self.view.value = self.world.wish.chosen
@@ -237,8 +207,6 @@ class Page:
         self._saved.content = f"Written: `{path}`\n\n```\n{said}\n```"
         print(f"{path}\n{said}", flush=True)
 
-    # The arm, and who moves it.
-
     def _add_arm(self, gui: viser.GuiApi, settings: Settings) -> None:
         world = self.world
         self.layout = gui.add_dropdown("layout", tuple(self._source.layouts))
@@ -269,8 +237,6 @@ class Page:
     def _reach(self) -> None:
         x, y, z, jaw = (slider.value for slider in self.sliders)
         self.world.reach(Hand((x / 1e3, y / 1e3, z / 1e3), jaw))
-
-    # Judging.
 
     def _add_judges(self, gui: viser.GuiApi) -> None:
         gui.add_markdown("Of the cameras on this page, in the chosen rendering:")
@@ -305,11 +271,9 @@ class Page:
         self.pixels.content = _table(("camera", "thing", "pixels", "hidden"), rows)
 
     def probe(self) -> None:
-        """Show the probe's scores."""
-
         def told(share: float) -> None:
             if self._is_closed:
-                raise StoppedError
+                raise RuntimeError("the page was closed while it judged")
             self._progress.value = 100.0 * share
 
         with self._judged() as shown:
@@ -328,20 +292,5 @@ class Page:
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table in Markdown."""
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
-def _add_curves(gui: viser.GuiApi, run: Path) -> None:
-    """Draw what a run's evaluations say over its steps."""
-    path = run / EVALUATIONS
-    rows = [*csv.DictReader(read_text(path).splitlines())] if path.exists() else []
-    if not rows:
-        gui.add_markdown(f"{run} has no evaluations yet.")
-        return
-    for name in _CURVES:
-        data = (np.array([float(row[key] or "nan") for row in rows]) for key in ("step", name))
-        series = (uplot.Series(label="step"), uplot.Series(label=name, stroke="#c85010"))
-        scales = {"x": uplot.Scale(time=False)}
-        gui.add_uplot((*data,), series, title=name, scales=scales, aspect=1.8)

@@ -34,9 +34,7 @@ def aimed(view: View, point: np.ndarray) -> View:
     """The same place, looking at a point ``(3,)``, m, in the frame of the view's body.
 
     In the room z is up in its image. On a body, or where it looks along z, up stays as it was.
-
-    Raises:
-        ValueError: the view stands in the point.
+    ``ValueError``: the view stands in the point.
     """
     position, quaternion = pose_of(view)
     forward = point - position
@@ -59,11 +57,7 @@ def _standing(view: View, position: np.ndarray, forward: np.ndarray, up: np.ndar
 def save(view: View, name: str, folder: str, overwrite: bool) -> Path:
     """Write ``view/<name>.yaml`` into a config folder, which is made where it is missing.
 
-    Returns:
-        The file.
-
-    Raises:
-        ValueError: a name that no camera can have, or that is taken; or a folder that is none.
+    ``ValueError``: a name that no camera can have, or that is taken; or a folder that is none.
     """
     if not re.fullmatch(r"[A-Za-z]\w{0,39}", name):
         raise ValueError(f"name: {name!r} must be a letter, then letters, digits and _")

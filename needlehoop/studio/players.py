@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -34,8 +35,6 @@ _SENSES = ("cams", "image_size", "quality", "obs", "renderings")
 
 
 class Player(NamedTuple):
-    """Someone who acts."""
-
     make: MakeController
     sees: Mapping[str, Any] = {}
     """What a policy sees, as settings; empty: it needs no images."""
@@ -74,8 +73,12 @@ def players(
 
     Those of the run in a folder, or without one the task's shipped agent if it fits.
     """
-    names = [name for name in controllers(settings) if _drives(name, settings)]
-    found = {name: Player(by_name(name)) for name in names}
+    found = {}
+    for name in controllers(settings):
+        # A script for another control mode is left out.
+        with suppress(ValueError):
+            controller(name, settings)
+            found[name] = Player(by_name(name))
     opened = Run.open(run or agent_of(settings.task.name), "run")
     job, _ = flown_job(opened.config(), (), trust)
     if run is None:
@@ -88,15 +91,6 @@ def players(
         if (run / file).exists() or (which == "last" and (run / CHECKPOINT).exists()):
             found[f"{which} policy"] = _policy(opened, job, which, device)
     return found
-
-
-def _drives(name: str, settings: Settings) -> bool:
-    """Whether a scripted controller is made for this control mode."""
-    try:
-        controller(name, settings)
-    except ValueError:
-        return False
-    return True
 
 
 def _policy(run: Run, job: Job, which: str, device: torch.device) -> Player:

@@ -28,10 +28,9 @@ _INK, _CHOSEN = (60, 66, 76), (220, 80, 20)
 class Stage:
     """Draws in viser's scene; all nodes are the same in every tab.
 
-    Args:
-        chosen: called with a view's name when its frustum is clicked.
-        moved: called with position ``(3,)`` and quaternion ``(4,)``, in the frame of the chosen
-            view's body, while its handle is dragged.
+    ``chosen`` is called with a view's name when its frustum is clicked; ``moved`` with position
+    ``(3,)`` and quaternion ``(4,)``, in the frame of the chosen view's body, while its handle is
+    dragged.
     """
 
     def __init__(
@@ -76,20 +75,15 @@ class Stage:
             name = f"{names[model.geom_bodyid[geom]]}/geom_{geom}"
             material = model.geom_matid[geom]
             rgba = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
-            colour = tuple((255 * rgba[:3]).astype(int).tolist())
-            place: dict[str, Any] = {
-                "position": model.geom_pos[geom],
-                "wxyz": model.geom_quat[geom],
-                "color": colour,
-            }
+            look: dict[str, Any] = {"color": tuple((255 * rgba[:3]).astype(int).tolist())}
+            look["wxyz"] = model.geom_quat[geom]
             if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
-                place["position"] = (0.0, 0.0, -_TABLE[2] / 2)
-                self._scene.add_box(name, dimensions=_TABLE, **place)
-            else:
-                surface = surface_of(model, int(geom))
-                self._scene.add_mesh_simple(
-                    name, surface.vertices, surface.faces, flat_shading=True, **place
-                )
+                middle = (0.0, 0.0, -_TABLE[2] / 2)
+                self._scene.add_box(name, dimensions=_TABLE, position=middle, **look)
+                continue
+            look |= {"position": model.geom_pos[geom], "flat_shading": True}
+            surface = surface_of(model, int(geom))
+            self._scene.add_mesh_simple(name, surface.vertices, surface.faces, **look)
 
     def place(self, views: Mapping[str, View], chosen: str) -> None:
         """Draw the cameras; the chosen one has the handle."""

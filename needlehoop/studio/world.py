@@ -78,11 +78,8 @@ class Frame:
 class World:
     """One environment, with the wishes of all who look at it.
 
-    Args:
-        settings: the scene; its views are those of the page.
-        players: who can act, by name; ``player`` does at first.
-        rendering: what the cameras show at first.
-        size: pixels of the finer picture's longer side.
+    The views of ``settings`` are those of the page. ``players`` can act, by name. ``player`` does
+    at first, and ``rendering`` is shown. ``size``: pixels of the finer picture's longer side.
     """
 
     def __init__(
@@ -117,7 +114,6 @@ class World:
             self.wish = replace(self.wish, settings=replace(self.wish.settings, **changes))
 
     def place(self, name: str, view: View) -> None:
-        """Put a camera somewhere."""
         self.set(views={**self.wish.settings.views, name: view})
 
     def disturb(self, axis: str, severity: int) -> None:
@@ -141,7 +137,6 @@ class World:
         self.want(ahead=0.0 if self._is_over() else 1.0)
 
     def restart(self) -> None:
-        """Begin the same episode again."""
         self.want(restarts=self.wish.restarts + 1)
 
     def tick(self) -> Frame | None:
@@ -202,16 +197,11 @@ class World:
     def _frame(self, wish: Wish) -> Frame:
         small, fine = self._sims[:2]
         data, kind = small.engine.data(0), wish.settings.renderings[wish.rendering]
-        seen = [simulation.images() for simulation in (small, fine)]
-        pictures = {
-            camera.view: np.hstack(
-                [
-                    np.array(scaled(one[camera.name][0].cpu().numpy(), kind, self.size))
-                    for one in seen
-                ]
-            )
-            for camera in small.settings.cameras
-        }
+        seen, pictures = [simulation.images() for simulation in (small, fine)], {}
+        for camera in small.settings.cameras:
+            images = [one[camera.name][0].cpu().numpy() for one in seen]
+            shown = [np.asarray(scaled(image, kind, self.size)) for image in images]
+            pictures[camera.view] = np.hstack(shown)
         facts = [name for name, fact in self._moment.facts.items() if bool(fact)]
         step = f"step {int(self._moment.steps)} of {small.episode.max_steps}"
         return Frame(
