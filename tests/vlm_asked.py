@@ -16,14 +16,7 @@ from needlehoop.vlm.config import LiveConfig
 from needlehoop.vlm.conversation import Conversation, Guess, ProgramAnswer, Verdict
 from needlehoop.vlm.description import stages_of
 from needlehoop.vlm.messages import Png, Reply, Request
-from needlehoop.vlm.questions import (
-    Lists,
-    Questions,
-    opening,
-    order,
-    order_pictures,
-    question,
-)
+from needlehoop.vlm.questions import Lists, Questions, opening, order, order_pictures, question
 from needlehoop.vlm.record import Record
 from needlehoop.vlm.writing import ProgramRules, Trained, guess_prompt, reward_prompt
 
@@ -45,9 +38,6 @@ class Obliging:
         self.asked.append(request)
         answer = self.answers.pop(0) if self.answers else by_schema(dict(request.schema))
         return Reply("answered", answer, "", "m", 1, 1)
-
-    def close(self) -> None:
-        pass
 
 
 def album(settings: Settings) -> Album:

@@ -147,7 +147,7 @@ def _find(name: str) -> Callable[..., Any]:
         raise ValueError(f"reward.function: {name!r} is not module:name or file.py:name")
     try:
         if where.endswith(".py"):
-            found = run_path(where).get(attribute)
+            found = run_path(str(Path(where).resolve())).get(attribute)
         else:
             found = getattr(import_module(where), attribute, None)
     except (ImportError, OSError) as error:
