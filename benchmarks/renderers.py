@@ -25,8 +25,8 @@ if __name__ == "__main__":
         cams = tuple(f"{rendering}_{view}" for view in settings.views)
         engines = {}
         for kind in RENDERERS:
-            chosen = replace(settings, cams=cams, num_envs=ENVS, engine=EngineConfig(1, kind))
-            simulation = build(chosen)
+            engine = EngineConfig(1, kind, "cpu")
+            simulation = build(replace(settings, cams=cams, num_envs=ENVS, engine=engine))
             simulation.reset()
             engines[kind] = simulation.engine
         least = dict.fromkeys(RENDERERS, float("inf"))

@@ -12,9 +12,9 @@ from torch import Tensor
 
 from needlehoop.disturbances.axes import Drawn
 from needlehoop.disturbances.kernel import EDGE, SPARE, Flaw, spoil
-from needlehoop.engines import streams
+from needlehoop.engines import warp_device
 from needlehoop.engines.contract import Frame
-from needlehoop.engines.quiet_start import start_warp
+from needlehoop.engines.warp_device import start_warp
 from needlehoop.scene.image_size import ImageSize, sides
 
 _PERIOD = 2**18
@@ -58,7 +58,7 @@ class Sensors:
         self._size = wp.vec2i(width, height)
         shape, generator = (num_envs, len(views)), np.random.default_rng(0)
         kind: Any = Flaw
-        warp = streams.warp_name(device)
+        warp = warp_device.warp_name(device)
         self._given = wp.zeros(shape, dtype=kind, device="cpu")
         self._flaws = wp.zeros(shape, dtype=kind, device=warp)
         self._fields: Any = self._given.numpy()
@@ -84,7 +84,7 @@ class Sensors:
         """
         for name, values in flaws.items():
             self._fields[name][ids.numpy()] = values.numpy()
-        with streams.on(self._device):
+        with warp_device.on(self._device):
             wp.copy(self._flaws, self._given)
 
     def spoiler(self, ids: Tensor, places: Tensor) -> Spoiler:
@@ -107,7 +107,7 @@ class Sensors:
                 *(0 if one is None else one.data_ptr() for one in channels),
                 self._size,
             ]
-            with streams.on(self._device):
+            with warp_device.on(self._device):
                 wp.launch(spoil, dim=part.stop - part.start, inputs=inputs)
             # The tracer's are not contiguous.
             for given, one in zip(frame, channels, strict=True):

@@ -28,9 +28,7 @@ class EngineConfig:
     """Threads for physics and cameras; 0: every CPU this process may use."""
     renderer: Annotated[str, OneOf(*RENDERERS)]
     """Pictures for people are always the tracer's."""
-    kind: Annotated[str, OneOf(*KINDS)] = "cpu"
-    """Runs from before there was a choice name none."""
-
+    kind: Annotated[str, OneOf(*KINDS)]
     device: Annotated[str, OneOf("cpu", "cuda")] = "cpu"
     """Where ``warp`` steps and draws."""
     contacts: Annotated[int, Range(1, 10_000)] = 32

@@ -16,8 +16,7 @@ from dm_control import mujoco as dm_mujoco
 from dm_control.mujoco.wrapper import MjModel
 from torch import Tensor
 
-from needlehoop.engines.engine import HostEngine, Index
-from needlehoop.engines.quiet_start import silence_mujoco
+from needlehoop.engines.engine import HostEngine, Index, silence_mujoco
 
 mujoco.set_mju_user_warning(None)  # dm_control's prints.
 silence_mujoco()

@@ -5,10 +5,11 @@ An engine holds no task logic. ``Simulation`` drives it: commands in, sensor dat
 
 from __future__ import annotations
 
+import ctypes
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from types import EllipsisType
-from typing import Protocol
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -17,7 +18,6 @@ from mujoco.batch import DATA_FIELDS, Batch
 from torch import Tensor
 
 from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame, Optics
-from needlehoop.engines.quiet_start import silence_mujoco
 from needlehoop.engines.rasteriser.renderer import CpuRasteriser
 from needlehoop.scene.image_size import ImageSize
 from needlehoop.tasks.contract import Robot, Weld
@@ -25,7 +25,7 @@ from needlehoop.tasks.start import Start
 
 _VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
 
-_STATE = ("time", "qpos", "qvel", "qacc_warmstart", "ctrl", "mocap_pos", "mocap_quat", "eq_active")
+STATE = ("time", "qpos", "qvel", "qacc_warmstart", "ctrl", "mocap_pos", "mocap_quat", "eq_active")
 """What the scene's physics depends on: it has no activations, and nothing applies forces."""
 
 Index = int | slice | EllipsisType
@@ -60,19 +60,26 @@ class Addresses:
         return {"qpos": qpos, "mocap_pos": mocap, "ctrl": start.control.numpy()}
 
 
-class Renderer(Protocol):
-    """Makes images of what an engine's fields say."""
+@ctypes.CFUNCTYPE(None, ctypes.c_char_p)
+def _ignore(message: bytes) -> None:
+    pass
 
-    def render(
-        self, fields: Mapping[str, Tensor], ids: Tensor | None = None
-    ) -> dict[str, Frame]: ...
+
+def silence_mujoco() -> None:
+    """Keep MuJoCo from writing warnings to ``MUJOCO_LOG.TXT``: the engines read them in its data.
+
+    A handler that the program has set already stays.
+    """
+    if mujoco.get_mju_user_warning() is None:
+        mujoco.set_mju_user_warning(_ignore)
 
 
 class Engine(ABC):
     """Physics and cameras of ``num_envs`` scenes. All tensors are on its ``device``."""
 
     device = torch.device("cpu")
-    _renderer: Renderer | None = None
+    _renderer: Any = None
+    """Its ``render`` makes images of what ``FIELDS`` say, see ``Rasteriser``."""
 
     def __init__(
         self,
@@ -86,7 +93,7 @@ class Engine(ABC):
         self.num_envs, self.model = num_envs, model
         self._substeps, self._threads = substeps, config.cpus
         self._addresses = Addresses(model, robot)
-        self._state = (*_STATE, "eq_data") if self._addresses.welds else _STATE
+        self._state = (*STATE, "eq_data") if self._addresses.welds else STATE
 
     @abstractmethod
     def reset(self, ids: Tensor, start: Start) -> None:
@@ -112,9 +119,9 @@ class Engine(ABC):
     def read(self, name: str) -> Tensor:
         """A field ``(n, ...)`` of every MjData or MjModel."""
 
-    @abstractmethod
     def snapshot(self) -> dict[str, Tensor]:
         """The physics' whole state, as copies."""
+        return {name: self.read(name).clone() for name in self._state}
 
     @abstractmethod
     def restore(self, snapshot: dict[str, Tensor]) -> None:
@@ -129,7 +136,7 @@ class Engine(ABC):
 
     @abstractmethod
     def data(self, env: int) -> mujoco.MjData:
-        """One environment's MjData, forwarded, to look at; valid until the next call."""
+        """A copy of one environment's MjData, forwarded, to look at."""
 
     def sensordata(self) -> Tensor:
         """Sensor data ``(n, nsensordata)`` float64 at the present state; a copy."""
@@ -196,9 +203,6 @@ class HostEngine(Engine):
         # A copy, because the engine's arrays may not be writable, and torch's have to be.
         return torch.tensor(self._read(name))
 
-    def snapshot(self) -> dict[str, Tensor]:
-        return {name: torch.tensor(self._read(name)) for name in self._state}
-
     def restore(self, snapshot: dict[str, Tensor]) -> None:
         rows = np.arange(self.num_envs)
         for name in self._state:
@@ -245,8 +249,6 @@ class CpuEngine(HostEngine):
     def __init__(self, model: mujoco.MjModel, robot: Robot, num_envs: int, *given):
         super().__init__(model, robot, num_envs, *given)
         self._batch = Batch(model, num_envs, self._threads)
-        self._scratch_data: mujoco.MjData | None = None
-        self._scratch_model: mujoco.MjModel | None = None
         # A derived field is up to date from the first call after it was bound.
         for name in ("sensordata", *(FIELDS if self._renderer else ())):
             self._batch.bind(name)
@@ -259,10 +261,9 @@ class CpuEngine(HostEngine):
         return torch.from_numpy(self._batch.warning.any((1, 2)))
 
     def data(self, env: int) -> mujoco.MjData:
-        self._scratch_data = self._batch.get_data(env, self._scratch_data)
-        self._scratch_model = self._batch.get_model(env, self._scratch_model)
-        mujoco.mj_forward(self._scratch_model, self._scratch_data)
-        return self._scratch_data
+        found = self._batch.get_data(env)
+        mujoco.mj_forward(self._batch.get_model(env), found)
+        return found
 
     def write(self, name: str, rows: np.ndarray, value: np.ndarray, *at: Index) -> None:
         self._read(name)[(rows, *at)] = value

@@ -11,7 +11,7 @@ import warp as wp
 from torch import Tensor
 
 from needlehoop.engines.contract import FIELDS, Channels, Frame
-from needlehoop.engines.quiet_start import start_warp
+from needlehoop.engines.warp_device import start_warp
 from needlehoop.scene.image_size import ImageSize, sides
 
 

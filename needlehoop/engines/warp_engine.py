@@ -16,11 +16,11 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from needlehoop.engines import streams
+from needlehoop.engines import warp_device
 from needlehoop.engines.contract import Channels, EngineConfig
-from needlehoop.engines.engine import Engine
-from needlehoop.engines.quiet_start import start_warp
+from needlehoop.engines.engine import STATE, Engine
 from needlehoop.engines.rasteriser.renderer import ParallelRasteriser
+from needlehoop.engines.warp_device import start_warp
 from needlehoop.scene.image_size import ImageSize
 from needlehoop.tasks.contract import Robot, Weld
 from needlehoop.tasks.start import Start
@@ -69,7 +69,7 @@ class WarpEngine(Engine):
         self.device = config.torch_device
         self._contacts = config.contacts
         rows = _ROWS * config.contacts + _OTHER_ROWS
-        with streams.on(self.device):
+        with warp_device.on(self.device):
             self._m = mjw.put_model(model, batch_sizes=dict.fromkeys(_OWN, num_envs))
             self._d = mjw.make_data(model, nworld=num_envs, nconmax=config.contacts, njmax=rows)
         # Equal seeds give equal bits. What overflows is read below, and not printed by kernels.
@@ -79,7 +79,6 @@ class WarpEngine(Engine):
         self._begin = self._compiled_state()
         self._broken = torch.zeros(num_envs, dtype=torch.bool, device=self.device)
         self._graphs: dict[str, Any] = {}
-        self._scratch = mujoco.MjData(model)
         self._run("forward")
         if views:
             self._renderer = ParallelRasteriser(model, num_envs, views, size, self.device)
@@ -126,7 +125,7 @@ class WarpEngine(Engine):
 
     def snapshot(self) -> dict[str, Tensor]:
         self._check_room()
-        return {name: self.read(name).clone() for name in self._state}
+        return super().snapshot()
 
     def restore(self, snapshot: dict[str, Tensor]) -> None:
         for name in self._state:
@@ -145,33 +144,20 @@ class WarpEngine(Engine):
         ):
             here = self.read(name)
             here[ids] = factor * torch.from_numpy(getattr(model, name)).to(here)
-        with streams.on(self.device):
+        with warp_device.on(self.device):
             mjw.set_const(self._m, self._d)
 
     def data(self, env: int) -> mujoco.MjData:
-        mjw.get_data_into(self._scratch, self.model, self._d, world_id=env)
-        mujoco.mj_forward(self.model, self._scratch)
-        return self._scratch
+        found = mujoco.MjData(self.model)
+        mjw.get_data_into(found, self.model, self._d, world_id=env)
+        mujoco.mj_forward(self.model, found)
+        return found
 
     def _compiled_state(self) -> dict[str, Tensor]:
         """What ``_clear`` writes, by field: the scene as it was compiled."""
-        model = self.model
-        moved = np.flatnonzero(model.body_mocapid >= 0)
-        moved = moved[np.argsort(model.body_mocapid[moved])]
-        compiled = {
-            "time": np.zeros(()),
-            "qpos": model.qpos0,
-            "qvel": np.zeros(model.nv),
-            "qacc_warmstart": np.zeros(model.nv),
-            "ctrl": np.zeros(model.nu),
-            "mocap_pos": model.body_pos[moved],
-            "mocap_quat": model.body_quat[moved],
-            "eq_active": model.eq_active0,
-        }
-        return {
-            name: torch.from_numpy(np.array(value)).to(self.read(name))
-            for name, value in compiled.items()
-        }
+        compiled = mujoco.MjData(self.model)
+        values = {name: np.array(getattr(compiled, name)) for name in STATE}
+        return {name: torch.from_numpy(one).to(self.read(name)) for name, one in values.items()}
 
     def _clear(self, ids: Tensor) -> None:
         """Put environments ``(k,)`` back to where the scene was compiled."""
@@ -191,12 +177,12 @@ class WarpEngine(Engine):
     def _run(self, what: str) -> None:
         """``step``: physics of a control step; ``forward``: what follows from the state."""
         if self.device.type == "cpu":
-            with streams.on(self.device):
+            with warp_device.on(self.device):
                 self._launch(what)
             return
         if what not in self._graphs:
             self._graphs[what] = self._captured(what)
-        with streams.on(self.device):
+        with warp_device.on(self.device):
             wp.capture_launch(self._graphs[what])
 
     def _captured(self, what: str) -> Any:
@@ -204,7 +190,7 @@ class WarpEngine(Engine):
         before = {name: self.read(name).clone() for name in self._state}
         torch.cuda.synchronize(self.device)
         # In a stream of Warp's, because torch's default one cannot be captured.
-        with wp.ScopedDevice(streams.warp_name(self.device)):
+        with wp.ScopedDevice(warp_device.warp_name(self.device)):
             # Compiles every kernel; nothing may compile in a capture.
             self._launch(what)
             with wp.ScopedCapture() as capture:

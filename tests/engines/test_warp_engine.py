@@ -9,7 +9,7 @@ from tiny_runs import composed
 from virtual_cuda import CUDA, put, virtual_cuda
 
 from needlehoop.disturbances import sensors
-from needlehoop.engines import streams
+from needlehoop.engines import warp_device
 from needlehoop.engines.contract import FIELDS, Frame
 from needlehoop.engines.rasteriser import parallel
 from needlehoop.engines.rasteriser.renderer import ParallelRasteriser
@@ -42,7 +42,7 @@ def teacher(simulation: Simulation):
 
 @pytest.mark.parametrize("task", TASKS)
 def test_the_teacher_succeeds(task):
-    simulation = built(*of_task(task), envs=2)
+    simulation = built(*of_task(task), envs=1)
     assert outcome_of(simulation, teacher(simulation)).success.all()
 
 
@@ -102,7 +102,7 @@ def test_a_scene_that_breaks_down_begins_anew_and_the_others_go_on():
     assert not broken.reset(moment.truncated).facts["diverged"].any()
 
 
-def held_for(seconds: float, grasp: str = "weld") -> float:
+def held_for(seconds: float, grasp: str) -> float:
     """How far a needle that is held moves in the jaws, mm."""
     words = ["episode.end_on_success=false", "episode.max_steps=2000", f"episode.grasp={grasp}"]
     simulation = built(*words, envs=1)
@@ -122,10 +122,6 @@ def held_for(seconds: float, grasp: str = "weld") -> float:
     return 1e3 * float((place() - before).norm())
 
 
-def test_a_needle_that_is_held_stays():
-    assert held_for(0.5) < 0.1
-
-
 @pytest.mark.full
 @pytest.mark.parametrize("grasp", ["weld", "friction"])
 def test_a_needle_that_is_held_stays_for_a_minute(grasp):
@@ -133,12 +129,12 @@ def test_a_needle_that_is_held_stays_for_a_minute(grasp):
 
 
 def test_too_few_contacts_are_an_error_that_says_so():
-    simulation = built("engine.contacts=1")
+    simulation = built("engine.contacts=1", envs=1)
     act, moment = teacher(simulation), simulation.reset()
     for _ in range(12):
         moment = simulation.step(act(moment.signals))
     with pytest.raises(RuntimeError, match=r"engine.contacts: 1 are too few in environments \["):
-        simulation.reset(torch.tensor([True, False, False]))
+        simulation.reset()
 
 
 @pytest.mark.parametrize(
@@ -207,8 +203,8 @@ def test_nothing_mixes_the_devices(monkeypatch):
     def on_cpu(*_):
         return wp.ScopedDevice("cpu")
 
-    monkeypatch.setattr(streams, "on", on_cpu)
-    monkeypatch.setattr(streams, "warp_name", lambda device: "cpu")
+    monkeypatch.setattr(warp_device, "on", on_cpu)
+    monkeypatch.setattr(warp_device, "warp_name", lambda device: "cpu")
     monkeypatch.setattr(wp._src.torch, "device_from_torch", lambda device: wp.get_device("cpu"))
     monkeypatch.setattr(wp, "to_torch", lambda array: put(to_torch(array), True))
     monkeypatch.setattr(WarpEngine, "_run", lambda self, what: self._launch(what))
@@ -226,7 +222,7 @@ def test_nothing_mixes_the_devices(monkeypatch):
                 assert buffer["pixels", "dep_front"].device == CUDA
 
 
-@pytest.mark.parametrize("arch", [89, 90])
+@pytest.mark.parametrize("arch", [pytest.param(89, marks=pytest.mark.full), 90])
 def test_its_own_kernels_compile_for_gpus(arch, tmp_path):
     for kernel in (parallel.shade, sensors.spoil):
         wp.compile_aot_module(kernel.module, arch=arch, module_dir=tmp_path, use_ptx=False)

@@ -22,9 +22,11 @@ from needlehoop.engines.rasteriser.kernel import (
     face_bounds,
     face_row,
     is_in_sight,
-    light_lamps,
     outline_of,
     project_vertices,
+)
+from needlehoop.engines.rasteriser.shading import (
+    light_lamps,
     seen_colour,
     table_colour,
     table_slope,

@@ -16,12 +16,12 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from needlehoop.engines import streams
+from needlehoop.engines import warp_device
 from needlehoop.engines.contract import OPTICS, Channels, Frame
-from needlehoop.engines.quiet_start import start_warp
 from needlehoop.engines.rasteriser import kernel, parallel
 from needlehoop.engines.rasteriser.buffers import PATTERN, FrameBuffers, Lens, Poses, ScratchBuffers
 from needlehoop.engines.rasteriser.solids import pack
+from needlehoop.engines.warp_device import start_warp
 from needlehoop.scene.image_size import ImageSize, sides
 
 
@@ -41,7 +41,7 @@ class Rasteriser(ABC):
         device: torch.device,
     ):
         start_warp()
-        self._warp = streams.warp_name(device)
+        self._warp = warp_device.warp_name(device)
         self._solids = pack(model, self._warp)
         width, height = sides(size)
         self._size = wp.vec2i(width, height)
@@ -175,7 +175,7 @@ class ParallelRasteriser(Rasteriser):
 
     def _draw(self, count: int) -> None:
         size, views, faces = self._size, self._lenses.shape[0], self._solids.faces.shape[0]
-        with streams.on(self._device):
+        with warp_device.on(self._device):
             for first in range(0, max(count, 1), self._at_once):
                 images = max(0, min(self._at_once, count - first)) * views
                 own = [self._solids, self._lenses, self._poses, self._scratch, size, first]

@@ -1,14 +1,14 @@
-"""Keeps Warp and MuJoCo from printing what a user need not know."""
+"""Starts Warp without words, and lets it share a device with torch."""
 
 from __future__ import annotations
 
-import ctypes
 import os
 import sys
 import tempfile
+from contextlib import AbstractContextManager
 from functools import cache
 
-import mujoco
+import torch
 import warp as wp
 
 _NO_GPU = "Warp CUDA warning: Could not find or load the NVIDIA CUDA driver"
@@ -33,15 +33,14 @@ def start_warp() -> None:
             sys.stderr.write("".join(line for line in said if not line.startswith(_NO_GPU)))
 
 
-@ctypes.CFUNCTYPE(None, ctypes.c_char_p)
-def _ignore(message: bytes) -> None:
-    pass
+def on(device: torch.device) -> AbstractContextManager:
+    """Warp's launches go to a device; on a GPU into torch's present stream, and nobody waits."""
+    if device.type == "cpu":
+        return wp.ScopedDevice("cpu")
+    stream = wp.stream_from_torch(torch.cuda.current_stream(device))
+    return wp.ScopedStream(stream, sync_enter=False)
 
 
-def silence_mujoco() -> None:
-    """Keep MuJoCo from writing warnings to ``MUJOCO_LOG.TXT``: the engines read them in its data.
-
-    A handler that the program has set already stays.
-    """
-    if mujoco.get_mju_user_warning() is None:
-        mujoco.set_mju_user_warning(_ignore)
+def warp_name(device: torch.device) -> str:
+    """What Warp calls a torch device, such as ``cuda:0``."""
+    return str(wp.device_from_torch(device))
