@@ -135,7 +135,7 @@ class Simulation:
         if disturbance is None:
             return control
         if displaced is not None and disturbance.offset is not None:
-            control = displaced(*own[1:], self.state, control, disturbance.offset)
+            control = displaced(*own[1:], self.state, disturbance.offset)
         return disturbance.command(control)
 
     def observe(self) -> StepResult:

@@ -17,8 +17,9 @@ from torch import Tensor
 
 from needlehoop.robot.psm import poser
 from needlehoop.scene.signals import Signal
+from needlehoop.tasks import psm
 from needlehoop.tasks.contract import Memory, Part, Robot
-from needlehoop.tasks.psm import ROBOT, begin_arm
+from needlehoop.tasks.psm import ROBOT
 from needlehoop.tasks.start import Start
 
 T = TypeVar("T")
@@ -35,21 +36,15 @@ def by_arm(arms: Mapping[str, Mapping[str, T]]) -> dict[str, T]:
     return {f"{name}_{key}": one for name, own in arms.items() for key, one in own.items()}
 
 
-def begun(arms: Mapping[str, dict[str, Tensor]], free: Mapping[str, Tensor]) -> Start:
-    """A start whose servos hold all arms; of each, what ``psm.tool_start`` gives."""
-    servos = [torch.cat((one["joints"], one["jaw"].unsqueeze(-1)), -1) for one in arms.values()]
-    return Start(by_arm(arms), free, {}, torch.cat(servos, -1))
-
-
 def side_by_side(words: Mapping[str, str]) -> Robot:
     """A robot of PSMs, from their names and what they are called, such as ``PSM 1``."""
     names = tuple(words)
 
-    def model(layout: Any, psm: str) -> mujoco.MjSpec:
+    def model(layout: Any, variant: str) -> mujoco.MjSpec:
         spec = mujoco.MjSpec()
         root = spec.worldbody.add_body(name="arms")
         for name in names:
-            arm = ROBOT.model(getattr(layout, name), psm)
+            arm = psm.model(getattr(layout, name), variant)
             spec.attach(arm, prefix=f"{name}_", frame=root.add_frame())
         return spec
 
@@ -64,7 +59,7 @@ def side_by_side(words: Mapping[str, str]) -> Robot:
         return write
 
     def begin(rules: Any, start: Start) -> dict[str, Tensor]:
-        return by_arm({name: begin_arm(rules, of_arm(name, start.robot)) for name in names})
+        return by_arm({name: psm.begin(rules, of_arm(name, start.robot)) for name in names})
 
     def act(
         layout: Any, rules: Any, memory: Memory, action: Tensor
@@ -72,53 +67,42 @@ def side_by_side(words: Mapping[str, str]) -> Robot:
         moved, servos = {}, []
         for name, own in zip(names, action.chunk(len(names), -1), strict=True):
             arm = getattr(layout, name)
-            moved[name], control = ROBOT.act(arm, rules, of_arm(name, memory), own)
+            moved[name], control = psm.act(arm, rules, of_arm(name, memory), own)
             servos.append(control)
         return by_arm(moved), torch.cat(servos, -1)
 
-    def displaced(
-        layout: Any, rules: Any, memory: Memory, control: Tensor, offset: Tensor
-    ) -> Tensor:
-        assert ROBOT.displaced is not None
-        return torch.cat(
-            [
-                ROBOT.displaced(getattr(layout, name), rules, of_arm(name, memory), own, offset)
-                for name, own in zip(names, control.chunk(len(names), -1), strict=True)
-            ],
-            -1,
-        )
+    def displaced(layout: Any, rules: Any, memory: Memory, offset: Tensor) -> Tensor:
+        arms = [(getattr(layout, name), of_arm(name, memory)) for name in names]
+        return torch.cat([psm.displaced(arm, rules, own, offset) for arm, own in arms], -1)
 
     def table(things: Mapping[str, Signal], held: str | None) -> dict[str, Signal]:
-        own = ROBOT.table({}, held)
+        single = ROBOT.table({}, held)
         arms = {
-            name: {key: _of_one(row, name, word) for key, row in own.items()}
+            name: {key: _of_one(row, name, word) for key, row in single.items()}
             for name, word in words.items()
         }
         return {**things, **by_arm(arms)}
 
+    parts = {
+        name: {
+            body: Part(f"{part.name} of {word}", part.along) for body, part in ROBOT.parts.items()
+        }
+        for name, word in words.items()
+    }
+    commands = {
+        name: {key: f"{name}_{kept}" for key, kept in ROBOT.commands.items()} for name in names
+    }
     return Robot(
         model=model,
         poser=pose,
         begin=begin,
         act=act,
         table=table,
-        commands={
-            f"{name}_{key}": f"{name}_{kept}"
-            for name in names
-            for key, kept in ROBOT.commands.items()
-        },
+        commands=by_arm(commands),
         body="arms",
         proprio=tuple(f"{name}_{key}" for name in names for key in ROBOT.proprio),
         displaced=displaced,
-        parts=by_arm(
-            {
-                name: {
-                    body: Part(f"{part.name} of {word}", part.along)
-                    for body, part in ROBOT.parts.items()
-                }
-                for name, word in words.items()
-            }
-        ),
+        parts=by_arm(parts),
         # Each arm's jaw is the last of its actions.
         opens=tuple(-1 - i * len(ROBOT.actions["tip"]) for i in reversed(range(len(names)))),
         label=ROBOT.label,

@@ -123,9 +123,9 @@ class Robot:
     """Root of its bodies: class ``robot`` of flat renderings."""
     proprio: tuple[str, ...]
     """Signals that it knows of itself."""
-    displaced: Callable[[Any, Any, Memory, Tensor, Tensor], Tensor] | None = None
-    """From layout, rules, memory, the servos' commands and an offset ``(n, 3)``, m: commands that
-    put the tip beside its target. ``None``: ``disturb.robot.offset`` is refused."""
+    displaced: Callable[[Any, Any, Memory, Tensor], Tensor] | None = None
+    """From layout, rules, memory and an offset ``(n, 3)``, m: the servos' commands that put the
+    tip beside its target. ``None``: ``disturb.robot.offset`` is refused."""
     parts: Mapping[str, Part] = field(default_factory=dict)
     """Descriptions of bodies for cameras that are mounted on them."""
     opens: tuple[int, ...] = ()

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar, get_type_hints
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from needlehoop.config.strict import OneOf, Range, check_names
@@ -60,10 +59,7 @@ class Tool:
 
     def clamp(self, place: Tensor) -> Tensor:
         """Places ``(n, 3)``, m, brought into the workspace."""
-        lower, upper = torch.tensor(
-            (self.workspace_lower, self.workspace_upper), dtype=torch.float64, device=place.device
-        )
-        return place.clamp(lower, upper)
+        return place.clamp(*place.new_tensor((self.workspace_lower, self.workspace_upper)))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from torch import Tensor
 
 from needlehoop.robot import geometry as geo
 from needlehoop.robot import psm
-from needlehoop.robot.psm import JOINT_NAMES, model_spec
 from needlehoop.scene.signals import Sensor, Signal, command, of_body, of_joints, of_site, touch
 from needlehoop.scene.spec import furnish
 from needlehoop.tasks.contract import Memory, Part, Robot, Weld
@@ -29,11 +28,11 @@ _TOOL_SIGNALS = {
     "wrist_quat": of_body("orientation", "wrist_yaw", "wrist-yaw link"),
 }
 
-_APART = "angle between the jaws, 0 where they are closed"
 _TENDON = Sensor(mujoco.mjtSensor.mjSENS_TENDONPOS, mujoco.mjtObj.mjOBJ_TENDON, "jaw")
+_APART = "angle between the jaws, 0 where they are closed"
 
 JOINT_SIGNALS = {
-    "joints": of_joints(JOINT_NAMES, "rad, m", ", ".join(JOINT_NAMES)),
+    "joints": of_joints(psm.JOINT_NAMES, "rad, m", ", ".join(psm.JOINT_NAMES)),
     "jaw": Signal((), "rad", "joint", "sensor", _APART, (_TENDON,)),
 }
 
@@ -64,16 +63,14 @@ def start_of(layout: Arm, tool: Tensor, roll: Tensor, jaw: Tensor) -> dict[str, 
     return {"tool": tool, "joints": _tip_joints(layout, tool, roll), "jaw": jaw}
 
 
-def begun(
-    robot: dict[str, Tensor], mocap: Mapping[str, Tensor], free: Mapping[str, Tensor] | None = None
-) -> Start:
-    """A start whose servos hold the robot: six joints (rad, m) and the jaw."""
-    return Start(robot, free or {}, mocap, _servos(robot["joints"], robot["jaw"]))
+def servos(robot: Mapping[str, Tensor]) -> Tensor:
+    """Commands ``(n, 7)`` for ``joints`` ``(n, 6)``, rad and m, and ``jaw`` ``(n,)``, rad."""
+    return torch.cat((robot["joints"], robot["jaw"].unsqueeze(-1)), -1)
 
 
-def build_arm(layout: ArmLayout, psm: str) -> mujoco.MjSpec:
-    """The arm alone (``psm``: one of its ``VARIANTS``), its RCM in the world's origin."""
-    spec = model_spec(psm, np.zeros(3), layout.grip)
+def build_arm(layout: ArmLayout, variant: str) -> mujoco.MjSpec:
+    """The arm alone (one of ``psm.VARIANTS``), its RCM in the world's origin."""
+    spec = psm.model_spec(variant, np.zeros(3), layout.grip)
     furnish(spec, layout.timestep)
     # All of it, from the tip to the motors.
     spec.stat.extent = 1.0
@@ -97,10 +94,8 @@ def act(
     jaw = jaw.clamp(layout.jaw_closed, layout.jaw_open)
     roll, quat = memory["tool_roll"], memory["quat"]
     if rules.control == "tip":
-        roll = roll + rules.rotation * action[:, 3]
-        roll = roll.clamp(
-            layout.tool_roll - layout.roll_range, layout.tool_roll + layout.roll_range
-        )
+        middle, half = layout.tool_roll, layout.roll_range
+        roll = (roll + rules.rotation * action[:, 3]).clamp(middle - half, middle + half)
         joints = _tip_joints(layout, target, roll)
     else:
         turn = geo.from_rotation_vector(rules.rotation * action[:, 3:6])
@@ -110,7 +105,7 @@ def act(
         quat = _tool_quat(near)
         joints = _pose_joints(layout, target, quat, near)
     moved = {"target": target, "tool_roll": roll, "quat": quat, "joints": joints, "jaw": jaw}
-    return moved, _servos(joints, jaw)
+    return moved, servos(moved)
 
 
 def _tip_joints(layout: Arm, tool: Tensor, roll: Tensor) -> Tensor:
@@ -124,12 +119,11 @@ def _tip_joints(layout: Arm, tool: Tensor, roll: Tensor) -> Tensor:
 
 def _from_rcm(layout: Arm, place: Tensor) -> Tensor:
     """Places ``(n, 3)``, m, in the remote centre's frame."""
-    away = place - torch.from_numpy(layout.rcm).to(place.device)
+    away = place - place.new_tensor(layout.rcm)
     if not layout.tilt:
         return away
     half = -layout.tilt / 2
-    back = away.new_tensor((np.cos(half), 0.0, np.sin(half), 0.0))
-    return geo.rotate(back.expand(len(away), 4), away)
+    return geo.rotate(away.new_tensor((np.cos(half), 0.0, np.sin(half), 0.0)), away)
 
 
 def _pose_joints(layout: Arm, tool: Tensor, quat: Tensor, nearby: Tensor) -> Tensor:
@@ -152,13 +146,8 @@ def _tool_quat(joints: Tensor) -> Tensor:
     return matrix_to_quaternion(psm.forward_kinematics(joints)[:, :3, :3])
 
 
-def _servos(joints: Tensor, jaw: Tensor) -> Tensor:
-    """Commands ``(n, 7)`` from joints ``(n, 6)`` and jaw ``(n,)``."""
-    return torch.cat((joints, jaw.unsqueeze(-1)), -1)
-
-
-def _displaced(
-    layout: Arm, rules: ToolEpisode, memory: Memory, control: Tensor, offset: Tensor
+def displaced(
+    layout: Arm, rules: ToolEpisode, memory: Mapping[str, Tensor], offset: Tensor
 ) -> Tensor:
     """Commands ``(n, 7)`` that put the tip ``offset`` ``(n, 3)`` m beside its target."""
     target = memory["target"] + offset
@@ -166,15 +155,20 @@ def _displaced(
         joints = _tip_joints(layout, target, memory["tool_roll"])
     else:
         joints = _pose_joints(layout, target, memory["quat"], memory["joints"])
-    return _servos(joints, control[:, -1])
+    return servos({"joints": joints, "jaw": memory["jaw"]})
 
 
-def begin_arm(rules: ToolEpisode, robot: Mapping[str, Tensor]) -> dict[str, Tensor]:
+def begin(rules: ToolEpisode, robot: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """The arm's memory where it starts: targets where the tool is."""
     tool, joints, jaw = (robot[name].clone() for name in ("tool", "joints", "jaw"))
     quat = _tool_quat(joints) if rules.control == "pose" else joints.new_zeros(len(joints), 4)
     roll = joints[:, 3].clone()
     return {"target": tool, "tool_roll": roll, "quat": quat, "joints": joints, "jaw": jaw}
+
+
+def model(layout: Arm, variant: str) -> mujoco.MjSpec:
+    """One of ``psm.VARIANTS`` where the layout says that it stands."""
+    return psm.model_spec(variant, layout.rcm, layout.grip, layout.tilt)
 
 
 def _poser(model: mujoco.MjModel) -> Callable[[np.ndarray, Start], None]:
@@ -183,15 +177,15 @@ def _poser(model: mujoco.MjModel) -> Callable[[np.ndarray, Start], None]:
 
 
 ROBOT = Robot(
-    model=lambda layout, psm: model_spec(psm, layout.rcm, layout.grip, layout.tilt),
+    model=model,
     poser=_poser,
-    begin=lambda rules, start: begin_arm(rules, start.robot),
+    begin=lambda rules, start: begin(rules, start.robot),
     act=act,
     table=_table,
     commands={"jaw_command": "jaw"},
     body="psm_base",
     proprio=("joints", "jaw", "jaw_command"),
-    displaced=_displaced,
+    displaced=displaced,
     parts={"roll": Part("the instrument's shaft", (0.0, 0.0, 1.0))},
     opens=(-1,),
     label="dvrk_psm",
@@ -204,17 +198,12 @@ ROBOT = Robot(
 
 
 def add_grasp(
-    spec: mujoco.MjSpec,
-    rules: ArmEpisode,
-    body: str,
-    prefix: str = "",
-    **softness: Sequence[float],
+    spec: mujoco.MjSpec, rules: ArmEpisode, body: str, prefix: str = "", **softness: Sequence[float]
 ) -> None:
-    """Add what ``episode.grasp`` holds a body with.
+    """Add what ``episode.grasp`` holds a body with; the arm's names begin with ``prefix``.
 
-    ``weld``: the inactive weld ``grasp`` of the wrist with it, of this ``softness`` (MuJoCo's
-    ``solref`` and ``solimp``); the arm's names, and the weld's, begin with ``prefix``.
-    ``friction``: MuJoCo's pass against slip.
+    ``weld``: the inactive weld ``<prefix>grasp`` of the wrist with it, of this ``softness``
+    (MuJoCo's ``solref`` and ``solimp``). ``friction``: MuJoCo's pass against slip.
     """
     if rules.grasp == "friction":
         # Without it, what is held creeps by 0.66 mm a second.
@@ -235,7 +224,7 @@ def hold(
     rules: ArmEpisode,
     memory: Memory,
     readings: Mapping[str, Tensor],
-    points: Callable[[], Tensor],
+    points: Tensor,
     position: Tensor,
     quat: Tensor,
 ) -> tuple[Tensor, dict[str, Weld]]:
@@ -246,7 +235,7 @@ def hold(
 
     Args:
         memory: after the action; ``grasped`` says what was held before.
-        points: gives points inside the thing ``(n, k, 3)``, world frame, m.
+        points: inside the thing ``(n, k, 3)``, world frame, m.
         position: of the welded body ``(n, 3)``, m.
         quat: of it ``(n, 4)``.
     """
@@ -255,12 +244,9 @@ def hold(
     if rules.grasp == "friction":
         kept = kept & (one | two)
     stopped = one & two & (readings["jaw"] > command)
-    caught = ~kept & stopped & (command < rules.close_below)
-    # Points are many, and steps in which something may be grasped are few.
-    if bool(caught.any()):
-        blades = (readings["wrist_pos"], readings["tool_quat"], readings["jaw"])
-        caught = caught & (outside_jaws(*blades, points()) == 0).any(1)
-    held = kept | caught
+    blades = (readings["wrist_pos"], readings["tool_quat"], readings["jaw"])
+    between = (outside_jaws(*blades, points) == 0).any(1)
+    held = kept | (stopped & (command < rules.close_below) & between)
     if rules.grasp == "friction":
         return held, {}
     inverse = geo.conjugate(readings["wrist_quat"])
@@ -283,17 +269,6 @@ def outside_jaws(wrist: Tensor, tool_quat: Tensor, jaw: Tensor, points: Tensor) 
     return torch.sqrt(aside[0] ** 2 + aside[1] ** 2 + along**2)
 
 
-_BEGINS = (
-    "becomes true when {part} is between the jaws, both touch it and it keeps them from closing"
-    " further, while {command} is below {close} rad;"
-)
-_ENDS = {
-    "weld": " it stays so, without flicker, until {command} rises above {release} rad.",
-    "friction": " it becomes false when neither touches it any more, or when {command} rises"
-    " above {release} rad, and may flicker.",
-}
-
-
 def arm_values(layout: Arm, rules: ToolEpisode) -> dict[str, object]:
     """``control``, ``jaw_closed``, ``jaw_open``, ``jaw_start``, and ``lengths`` of the layout."""
     axes = "each axis of its arm's base" if layout.tilt else "each of them"
@@ -311,9 +286,13 @@ def arm_values(layout: Arm, rules: ToolEpisode) -> dict[str, object]:
 
 def grasped(rules: ArmEpisode, part: str, command: str = "jaw_command") -> str:
     """In words: when the jaws that a ``command`` moves hold a thing by its ``part``."""
-    return (_BEGINS + _ENDS[rules.grasp]).format(
-        part=part,
-        command=command,
-        close=f"{rules.close_below:g}",
-        release=f"{rules.release_above:g}",
+    opened = f"{command} rises above {rules.release_above:g} rad"
+    ends = {
+        "weld": f"it stays so, without flicker, until {opened}.",
+        "friction": f"it becomes false when neither touches it any more, or when {opened}, and may"
+        " flicker.",
+    }
+    return (
+        f"becomes true when {part} is between the jaws, both touch it and it keeps them from"
+        f" closing further, while {command} is below {rules.close_below:g} rad; {ends[rules.grasp]}"
     )

@@ -34,12 +34,13 @@ more and more surely rest on the thing. There they rise."""
 
 @dataclass(frozen=True)
 class Script:
-    """A controller for ``control=tip``, without memory: phases follow from the signals."""
+    """A controller for ``control=tip``, without memory: phases follow from the signals.
+
+    ``layout`` is an ``Arm``, ``episode`` a ``ToolEpisode``.
+    """
 
     layout: Any
-    """An ``ArmLayout``."""
     episode: Any
-    """A ``ToolEpisode``."""
 
     def __post_init__(self) -> None:
         if self.episode.control != "tip":
@@ -68,7 +69,7 @@ class Script:
     def squeezed(self, move: Tensor, s: Signals) -> Tensor:
         """A move ``(n, 3)``, m; none until the jaws are told to be shut."""
         squeezing = s.jaw_command > self.layout.jaw_closed + 0.02
-        return torch.where(squeezing.unsqueeze(-1), torch.zeros_like(move), move)
+        return choose(squeezing, torch.zeros_like(move), move)
 
     def slowly(self, height: Tensor) -> tuple[Tensor, Tensor]:
         """How surely a thing at a height off the ground ``(n,)``, m, is held, from 0 to 1; and the
@@ -80,17 +81,17 @@ class Script:
 
 @dataclass(frozen=True)
 class Funnel:
-    """How the smooth kind comes down on a thing, m and rad."""
+    """How the smooth kind comes down on a thing, by default a thin one; m and rad."""
 
-    free: float
+    free: float = 0.005
     """Radius of the funnel's bottom about the pickup point."""
-    edge: float
+    edge: float = 0.009
     """Distance aside beyond which the jaws are not sent below the pickup point."""
-    height: tuple[float, float]
+    height: tuple[float, float] = (0.008, 0.004)
     """Heights over the pickup point between which the jaws shut."""
-    aside: tuple[float, float]
+    aside: tuple[float, float] = (0.010, 0.006)
     """Distances aside of it between which the jaws shut."""
-    shut: tuple[float, float]
+    shut: tuple[float, float] = (0.45, 0.25)
     """Angles of the jaws between which they begin to rise. A thing between them keeps them open by
     more than the second, and images do not show whether it is held yet."""
 
@@ -131,6 +132,11 @@ def descend(s: Signals, turn: Tensor, hover: float, askew: float) -> Tensor:
     down = lined_up | (low & (aside < 0.0025))
     away[:, 2] = torch.where(down, away[:, 2], away[:, 2] + hover)
     return away
+
+
+def choose(where: Tensor, yes: Tensor, no: Tensor) -> Tensor:
+    """Moves ``(n, 3)`` by a condition ``(n,)``."""
+    return torch.where(where.unsqueeze(-1), yes, no)
 
 
 def blade_turn(s: Signals, quat: Tensor) -> Tensor:

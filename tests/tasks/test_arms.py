@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from xml.etree import ElementTree
-
 import mujoco
 import numpy as np
 import pytest
@@ -13,15 +11,8 @@ from needlehoop.envs.build import build, scene_spec
 from needlehoop.envs.settings import compose_settings
 from needlehoop.robot import geometry as geo
 from needlehoop.robot import psm
-from needlehoop.scene import export
 from needlehoop.tasks.handover.scene import ARMS
 from needlehoop.tasks.psm import ROBOT
-
-GOLDEN = [
-    ((0.0, 0.0, 0.10, 0.0, 0.0, 0.0), (0.0, 0.0, -0.0935)),
-    ((-0.52359879, 0.0, 0.12, 0.0, 0.0, 0.0), (-0.05675, 0.0, -0.09829388)),
-]
-"""Joints, and where the dVRK's own kinematics puts the tool in the remote centre's frame, m."""
 
 
 def base(arm) -> tuple[np.ndarray, np.ndarray]:
@@ -37,9 +28,8 @@ def test_each_arm_is_the_chain_from_where_it_stands(variant):
     data = mujoco.MjData(model)
     lower, upper = psm.joint_limits()
     drawn = torch.rand(50, 6, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
-    joints = torch.cat((torch.tensor([q for q, _ in GOLDEN]), lower + drawn * (upper - lower)))
+    joints = lower + drawn * (upper - lower)
     places = psm.forward_kinematics(joints).numpy()
-    np.testing.assert_allclose(places[:2, :3, 3], [place for _, place in GOLDEN], atol=1e-6)
     qpos = np.tile(model.qpos0, (len(joints), 1))
     # The arms in different postures at the same time.
     for name, own in zip(ARMS, (joints, joints.flip(0)), strict=True):
@@ -48,12 +38,8 @@ def test_each_arm_is_the_chain_from_where_it_stands(variant):
         data.qpos[:] = row
         mujoco.mj_forward(model, data)
         # The linkages are closed, and the jaws tied.
-        assert (
-            np.abs(data.efc_pos[data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY]).max(
-                initial=0.0
-            )
-            < 1e-9
-        )
+        tied = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
+        assert np.abs(data.efc_pos[tied]).max(initial=0.0) < 1e-9
         for name, pose in zip(ARMS, (places[k], places[-1 - k]), strict=True):
             turn, place = base(getattr(settings.task, name))
             site = data.site(f"{name}_tool")
@@ -61,16 +47,6 @@ def test_each_arm_is_the_chain_from_where_it_stands(variant):
             np.testing.assert_allclose(
                 site.xmat.reshape(3, 3), turn @ pose[:3, :3], rtol=0, atol=1e-9
             )
-
-
-def test_the_remote_centres_are_200_mm_from_the_work_and_lean_outwards_by_30_degrees():
-    layout = compose_settings(["task=handover"]).task
-    for name, side in (("psm1", -1.0), ("psm2", 1.0)):
-        turn, place = base(getattr(layout, name))
-        assert np.linalg.norm(place) == pytest.approx(0.2, abs=1e-4)
-        # A straight instrument points at the origin.
-        np.testing.assert_allclose(turn @ [0, 0, -1], -place / 0.2, atol=1e-4)
-        assert np.degrees(np.arcsin(side * place[0] / 0.2)) == pytest.approx(30, abs=0.01)
 
 
 @pytest.mark.parametrize("moved", [0, 1])
@@ -151,16 +127,3 @@ def test_a_disturbed_offset_puts_both_tips_aside():
     ]
     assert aside[0].norm() > 5e-4
     torch.testing.assert_close(*aside, rtol=0, atol=2e-4)
-
-
-@pytest.mark.parametrize("variant", psm.VARIANTS)
-def test_the_scene_of_two_arms_is_exported_with_their_cameras(variant):
-    words = ["task=handover", "cams=[rgb_wrist_1,rgb_wrist_2]", f"psm={variant}"]
-    files = export.mjcf(scene_spec(compose_settings(words)), "scene")
-    root = ElementTree.fromstring(files["scene.xml"])
-    carriers = {
-        camera.get("name"): body.get("name")
-        for body in root.iter("body")
-        for camera in body.findall("camera")
-    }
-    assert (carriers["wrist_1"], carriers["wrist_2"]) == ("psm1_roll", "psm2_roll")

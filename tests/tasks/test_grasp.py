@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from strength import ALL
 from torch import Tensor
 
 from needlehoop.envs.build import build
@@ -155,10 +156,10 @@ def test_shut_jaws_pressed_on_a_thing_hold_nothing(task, heights, grasp):
 
 
 @pytest.mark.parametrize("task", ["standard", "peg_transfer"])
-def test_what_is_held_by_friction_stays_where_it_is_for_a_minute(task):
+def test_what_is_held_by_friction_stays_where_it_is(task):
     bench = Bench(task, "friction", [((0, 0, 0), 0), ((0, 0, -1), 10)])
     bench.close()
-    start, seconds = in_tool(bench.rise()), 60
+    start, seconds = in_tool(bench.rise()), 60 if ALL else 12
     steps = round(seconds / bench.simulation.settings.period)
     moment = bench.go(bench.simulation.state["target"], 0.0, steps)
     assert moment.facts["grasped"].all()

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from types import SimpleNamespace
 
 import pytest
 import torch
-from strength import ALL
 from torch import Tensor
 from vlm_asked import RULES
 
 from needlehoop.envs.build import build
-from needlehoop.envs.controllers import controller, outcome_of, run_trials
+from needlehoop.envs.controllers import controller
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.tasks.handover import TASK, facts
 from needlehoop.tasks.layout import GRASPS
@@ -20,6 +20,7 @@ from needlehoop.tasks.needle_hoop.needle import centre_line
 from needlehoop.vlm.writing import reward_prompt
 
 
+@cache
 def handover(*words: str, layout: str = "standard") -> Settings:
     return compose_settings([f"task=handover/{layout}", "cams=[]", *words])
 
@@ -90,7 +91,7 @@ def test_lifted_is_the_lowest_point_of_the_needle():
     assert "lifted" not in decided(True, False, edge - 1e-4)
 
 
-def told(grasp: str = "weld", envs: int = 6, *words: str) -> SimpleNamespace:
+def told(grasp: str = "weld", *words: str, envs: int = 3) -> SimpleNamespace:
     """A scene in which the expert flies, and the history of its facts."""
     settings = handover(f"num_envs={envs}", f"episode.grasp={grasp}", "seed=5", *words)
     simulation = build(settings)
@@ -118,7 +119,7 @@ def drops(action: Tensor) -> Tensor:
 
 @pytest.mark.parametrize("grasp", GRASPS)
 def test_a_needle_that_was_dropped_and_picked_up_by_the_other_arm_is_not_handed(grasp):
-    scene = told(grasp, 6, "episode.max_steps=300")
+    scene = told(grasp, "episode.max_steps=300")
     fly(scene, "has_lifted")
     fly(scene, "handed", drops, most=15)
     assert not (scene.moment.facts["grasped_1"] | scene.moment.facts["lifted"]).any()
@@ -158,53 +159,7 @@ def test_psm_2_letting_go_early_is_not_handed():
     assert not scene.moment.facts["lifted"].any()
 
 
-# Who can do it.
-
-
-@pytest.mark.parametrize("grasp", GRASPS)
-@pytest.mark.parametrize("who", ["expert", "smooth"])
-@pytest.mark.parametrize("layout", ["standard", "wide"])
-def test_the_experts_hand_it_over(layout, who, grasp):
-    least = {"weld": 0.98, "friction": 0.85}[grasp]
-    s = handover(f"episode.grasp={grasp}", "seed=4000", layout=layout)
-    outcome = run_trials(s, who, 200 if ALL else 20)
-    assert outcome.success.double().mean() >= least
-    assert outcome.potential[outcome.success].min() > 8.4
-
-
-@pytest.mark.parametrize("grasp", GRASPS)
-def test_the_cheat_is_told_apart_and_earns_nothing(grasp):
-    outcome = run_trials(handover(f"episode.grasp={grasp}"), "cheat", 12)
-    assert outcome.facts["fetched"].double().mean() >= 0.9
-    assert torch.equal(outcome.facts["cheat"], outcome.facts["fetched"])
-    assert not outcome.success.any()
-    assert outcome.potential.max() < 2.5
-
-
-def test_chance_does_not_do_it():
-    outcome = run_trials(handover(), "random", 12)
-    assert not (outcome.success | outcome.facts["grasped_1"]).any()
-    assert outcome.potential.max() < 2.5
-
-
-def test_the_smooth_expert_can_do_with_what_images_give():
-    # Places are off by a few mm in the same way throughout an episode.
-    settings = handover("num_envs=40")
-    generator = torch.Generator().manual_seed(0)
-    script = controller("smooth", settings)
-    bias = torch.randn(40, 3, generator=generator, dtype=torch.float64)
-    bias *= 0.003 / bias.norm(dim=-1, keepdim=True)
-
-    def learner(signals) -> Tensor:
-        guesses = torch.cat([signals] * 16)
-        for name in ("pickup_1", "pickup_2", "needle_middle"):
-            place = getattr(guesses, name)
-            noise = torch.randn(place.shape, generator=generator, dtype=place.dtype)
-            setattr(guesses, name, place + bias.repeat(16, 1) + 0.0025 * noise)
-        return script(guesses).view(16, 40, 10).mean(0)
-
-    outcome = outcome_of(build(settings), learner)
-    assert outcome.success.double().mean() >= 0.8
+# What pays.
 
 
 def test_the_reward_rises_from_stage_to_stage():
@@ -226,14 +181,14 @@ def test_the_second_arm_is_paid_for_waiting_with_open_jaws_where_it_takes_the_ne
 
     def waiting(height: float, jaw: float) -> Tensor:
         s.psm2_tool_midpoint = place + torch.tensor([0.0, 0.0, height]).double()
-        s.psm2_jaw_command = torch.full((6,), jaw).double()
+        s.psm2_jaw_command = torch.full((3,), jaw).double()
         found = scene.simulation.reward(s)
         assert all(torch.equal(found[key], before[key]) for key in before if key != "take")
         return found["take"]
 
     ready = waiting(0.0, 1.35)
     assert (ready > before["take"] + 0.05).all()
-    torch.testing.assert_close(ready, torch.full((6,), 1.5).double())
+    torch.testing.assert_close(ready, torch.full((3,), 1.5).double())
     for height, jaw in ((0.015, 1.35), (0.0, 0.0)):
         assert (waiting(height, jaw) < ready - 0.05).all()
 
@@ -243,16 +198,16 @@ def test_the_second_arm_is_paid_for_waiting_with_open_jaws_where_it_takes_the_ne
 
 @pytest.mark.parametrize("grasp", GRASPS)
 def test_arms_that_tear_at_the_needle_leave_the_physics_finite(grasp):
-    scene = told(grasp, 12, "episode.end_on_success=false")
+    scene = told(grasp, "episode.end_on_success=false", envs=6)
     fly(scene, "has_both")
     generator = torch.Generator().manual_seed(1)
     engine, deepest = scene.simulation.engine, 0.0
-    for step in range(120):
+    for step in range(80):
         if step % 10 == 0:
-            pull = 2.0 * torch.rand(12, 10, generator=generator).double() - 1.0
+            pull = 2.0 * torch.rand(6, 10, generator=generator).double() - 1.0
             pull = pull.sign()
             # Half of them hold on to it.
-            pull[:6, [4, 9]] = -1.0
+            pull[:3, [4, 9]] = -1.0
         scene.moment = scene.simulation.step(pull)
         s = scene.moment.signals
         assert not scene.moment.facts["diverged"].any()
@@ -260,7 +215,7 @@ def test_arms_that_tear_at_the_needle_leave_the_physics_finite(grasp):
         assert s.needle_middle.abs().max() < 0.3
         deepest = max(deepest, -float(engine.data(0).contact.dist.min(initial=0.0)))
     if grasp == "weld":
-        assert (scene.moment.facts["grasped_1"] & scene.moment.facts["grasped_2"])[:6].all()
+        assert (scene.moment.facts["grasped_1"] & scene.moment.facts["grasped_2"])[:3].all()
     assert deepest < 0.004
 
 
@@ -305,21 +260,15 @@ def test_episodes_begin_with_the_needle_at_rest_in_reach_of_both(layout):
     torch.testing.assert_close(moment.signals.needle_middle, place[0], rtol=0, atol=1e-5)
 
 
-@pytest.mark.parametrize("layout", ["near", "standard", "wide"])
-def test_it_is_told_without_what_decides_success(layout):
-    s = handover(layout=layout)
+def test_it_is_told_without_what_decides_success():
+    s = handover()
     (said,) = reward_prompt(s, RULES)
     assert "$" not in said
-    (posed,) = reward_prompt(handover("episode.control=pose", layout=layout), RULES)
+    (posed,) = reward_prompt(handover("episode.control=pose"), RULES)
     assert "about each axis of its arm's base" in posed
     assert not re.search(r"\b(verdict|cheat|fetched|hold_steps|hoop)\b", said)
     assert TASK.cheating not in said
-    (other,) = reward_prompt(handover("episode.hold_steps=17", layout=layout), RULES)
+    (other,) = reward_prompt(handover("episode.hold_steps=17"), RULES)
     assert other == said
-    (changed,) = reward_prompt(handover("episode.lift_height=0.0107", layout=layout), RULES)
+    (changed,) = reward_prompt(handover("episode.lift_height=0.0107"), RULES)
     assert "more than 10.7 mm above the table" in changed
-
-
-def test_what_lets_go_are_both_arms_jaws():
-    names = TASK.robot.actions["tip"]
-    assert [names[one] for one in TASK.robot.opens] == ["psm1_jaw", "psm2_jaw"]

@@ -153,15 +153,6 @@ def off_centre(layout: NeedleLayout, direction, aside: float) -> tuple[Tensor, T
     return needle_at(layout, (x * aside, 0.0, z * aside), tip - 0.3)
 
 
-def test_tail_first_is_not_through(layout, episode):
-    tail, _ = layout.needle_angles
-    needle = needle_at(layout, (0, 0, 0), tail + 0.3, heading=math.pi)
-    curve = facts.centre_line(layout, *needle)[0] - HOOP
-    assert curve[0, 1] > episode.thread_depth
-    assert curve[-1, 1] < -episode.thread_depth
-    assert not passes(layout, episode, needle)
-
-
 @pytest.mark.parametrize(("share", "expected"), [(0.5, False), (0.99, False), (1.01, True)])
 def test_the_tip_has_to_be_thread_depth_beyond(layout, episode, share, expected):
     _, tip = layout.needle_angles
@@ -362,26 +353,17 @@ def test_lifted_needs_a_grasp_at_the_lift_position_and_stays_true(layout, episod
     assert lift(layout, episode, dropped, 0.5, touch=(False, False))
 
 
-@pytest.mark.parametrize(
-    ("steps_left", "success", "ends", "terminated", "truncated"),
-    [
-        (1, False, True, False, False),
-        (0, False, True, False, True),
-        (1, True, True, True, False),
-        (0, True, True, True, False),
-        (1, True, False, False, False),
-        (0, True, False, False, True),
-    ],
-)
-def test_success_terminates_and_only_time_truncates(
-    layout, episode, steps_left, success, ends, terminated, truncated
-):
+@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("success", [False, True])
+@pytest.mark.parametrize("ends", [False, True])
+def test_success_terminates_and_only_time_truncates(layout, episode, late, success, ends):
     episode = replace(episode, end_on_success=ends)
-    state = state_of(layout, episode, grasped=True, steps=episode.max_steps - steps_left)
+    state = state_of(layout, episode, grasped=True, steps=episode.max_steps - (not late))
     needle = through(layout) if success else needle_at(layout, (0, -0.05, 0), 0.0)
     found = stepping.observe(TASK, layout, episode, state, seen(layout, needle))
+    terminated = success and ends
     assert bool(is_terminated(episode, found.facts)) == terminated
-    assert bool(is_truncated(episode, found.memory, found.facts)) == truncated
+    assert bool(is_truncated(episode, found.memory, found.facts)) == (late and not terminated)
 
 
 @pytest.mark.parametrize(("success", "at_goal"), [("thread", False), ("touch", True)])
@@ -483,7 +465,7 @@ def test_an_action_of_another_shape_or_not_finite_is_refused_by_name(layout, epi
         act(layout, episode, state, action)
 
 
-@pytest.mark.parametrize(("axis", "sense"), [(0, 1.0), (1, -1.0), (2, 1.0)])
+@pytest.mark.parametrize(("axis", "sense"), [(0, 1.0), (1, -1.0)])
 def test_pose_control_turns_the_tool_about_the_worlds_axes(layout, episode, axis, sense):
     episode = replace(episode, control="pose")
     state = begin(episode, nominal_start(layout))
@@ -539,7 +521,7 @@ def check_spread(values: Tensor, nominal, half) -> None:
 
 
 @pytest.mark.parametrize("name", TASKS)
-def test_starts_fill_their_ranges(name):
+def test_starts_fill_their_ranges_and_the_arm_reaches_them(name):
     layout = compose_settings([f"task={name}"]).task
     begun = random_starts(layout, 2000)
     check_spread(begun.free["needle"][:, :2], layout.needle_position, layout.needle_position_range)
@@ -550,27 +532,11 @@ def test_starts_fill_their_ranges(name):
     # At rest it is sunk by about a micrometre.
     assert bool(((begun.free["needle"][:, 2] - layout.needle_thickness / 2).abs() < 2e-6).all())
     assert bool((begun.free["needle"][:, 4:6] == 0).all())
-
-
-@pytest.mark.parametrize("name", TASKS)
-def test_the_arm_reaches_every_start(name):
-    layout = compose_settings([f"task={name}"]).task
-    begun = random_starts(layout, 2000)
     torch.testing.assert_close(
         tool_place(layout, begun.robot["joints"]), begun.robot["tool"], rtol=0, atol=1e-9
     )
     lower, upper = torch.tensor([layout.workspace_lower, layout.workspace_upper]).double()
     assert bool(((begun.robot["tool"] > lower) & (begun.robot["tool"] < upper)).all())
-
-
-def test_an_episode_begins_with_nothing_achieved(layout, episode):
-    begun = random_starts(layout, 3)
-    state = begin(episode, begun)
-    for fact in (state["grasped"], state["lifted"], state["has_touched"], state["steps"]):
-        assert not bool(fact.any())
-    assert torch.equal(state["target"], begun.robot["tool"])
-    _, command = act(layout, episode, state, torch.zeros(3, 5))
-    torch.testing.assert_close(command[:, :6], begun.robot["joints"], rtol=0, atol=1e-12)
 
 
 # One environment is its row in a batch, bit for bit.
@@ -581,8 +547,8 @@ def assert_same_bits(together, apart: list) -> None:
         assert torch.equal(value, torch.cat([one[name] for one in apart])), name
 
 
-@pytest.mark.parametrize("count", [2, 7])
-def test_starting_and_acting_do_not_depend_on_the_batch(layout, episode, count):
+def test_starting_and_acting_do_not_depend_on_the_batch(layout, episode):
+    count = 7
     drawn = torch.from_numpy(np.stack([draws(0, env, 0) for env in range(count)]))
     apart, together = [start(layout, one[None]) for one in drawn], start(layout, drawn)
     for part in ("robot", "free", "mocap"):
@@ -631,6 +597,3 @@ def test_observing_does_not_depend_on_the_batch(layout, episode, kind):
     if weld is not None:
         assert_same_bits(weld._asdict(), [one._asdict() for _, _, one in single])
     assert signals.grasped.unique().numel() == signals.threaded.unique().numel() == 2
-
-
-# What the smooth expert does about its jaws.

@@ -11,7 +11,7 @@ from needlehoop.robot import geometry as geo
 from needlehoop.robot.geometry import ramp
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks.handover.scene import HandoverLayout, HandoverRules
-from needlehoop.tasks.scripted import Funnel, Script, blade_turn, descend
+from needlehoop.tasks.scripted import Funnel, Script, blade_turn, choose, descend
 
 _HOVER = 0.012
 """Height above a pickup point at which the open jaws line up, m."""
@@ -36,12 +36,12 @@ class Expert:
         turn = blade_turn(hand, hand.quat)
         taken = s.grasped_2 & (s.psm2_jaw_command < self.layout.psm2.jaw_closed + 0.02)
         carry = self.one.squeezed(s.meeting - s.needle_middle, hand)
-        move = _choose(s.grasped_1, carry, descend(hand, turn, _HOVER, askew=0.12))
+        move = choose(s.grasped_1, carry, descend(hand, turn, _HOVER, askew=0.12))
         # It lets go before it moves.
         loose = taken & ~s.grasped_1 & (s.psm1_jaw > 0.6)
-        away = _choose(loose, _to(self.layout.psm1.tool_position, hand), torch.zeros_like(move))
+        away = choose(loose, _to(self.layout.psm1.tool_position, hand), torch.zeros_like(move))
         jaw = self.one.jaw_to((s.grasped_1 | _is_near(hand)) & ~taken, hand)
-        return self.one.action(_choose(taken, away, move), turn * ~(s.grasped_1 | taken), jaw)
+        return self.one.action(choose(taken, away, move), turn * ~(s.grasped_1 | taken), jaw)
 
     def _second(self, s: Signals) -> Tensor:
         """PSM 2 waits, takes the needle at the meeting place and keeps it there."""
@@ -49,11 +49,11 @@ class Expert:
         turn = blade_turn(hand, hand.quat)
         comes = self._comes(s)
         approach = descend(hand, turn, _HOVER, askew=0.12)
-        free = _choose(comes, approach, _to(self.layout.psm2.tool_position, hand))
+        free = choose(comes, approach, _to(self.layout.psm2.tool_position, hand))
         keep = self.two.squeezed(s.meeting - s.needle_middle, hand)
-        keep = _choose(s.grasped_1, torch.zeros_like(keep), keep)
+        keep = choose(s.grasped_1, torch.zeros_like(keep), keep)
         jaw = self.two.jaw_to(s.grasped_2 | (comes & _is_near(hand)), hand)
-        return self.two.action(_choose(s.grasped_2, keep, free), turn * ~s.grasped_2, jaw)
+        return self.two.action(choose(s.grasped_2, keep, free), turn * ~s.grasped_2, jaw)
 
     def _comes(self, s: Signals) -> Tensor:
         """Whether PSM 2 comes for the needle ``(n,)``."""
@@ -72,14 +72,7 @@ class Expert:
         return SimpleNamespace(**own, pickup_point=getattr(s, f"pickup_{arm}"), quat=quat)
 
 
-_FUNNEL = Funnel(
-    free=0.005, edge=0.009, height=(0.008, 0.004), aside=(0.010, 0.006), shut=(0.45, 0.25)
-)
-
-
-_HELD_UP = Funnel(
-    free=0.005, edge=0.009, height=(0.005, 0.0015), aside=(0.010, 0.006), shut=(0.45, 0.25)
-)
+_FUNNEL, _HELD_UP = Funnel(), Funnel(height=(0.005, 0.0015))
 """No table stops the jaws, so they shut lower: a needle deeper between them is held as well."""
 
 _LOW, _HIGH = 0.010, 0.020
@@ -103,11 +96,11 @@ class Smooth(Expert):
         off, most = self.one.slowly(height - self.layout.needle_thickness / 2)
         carry[:, :2] *= off.unsqueeze(-1)
         carry[:, 2] = torch.minimum(carry[:, 2], most)
-        carry = _choose(s.grasped_2, torch.zeros_like(carry), carry)
+        carry = choose(s.grasped_2, torch.zeros_like(carry), carry)
         near = _FUNNEL.near(hand) * (1.0 - high)
         shut = torch.where(s.grasped_1, 1.0 - s.grasped_2.double(), near)
         turn = blade_turn(hand, hand.quat) * (~s.grasped_1 * (1.0 - high))
-        return self.one.action(_choose(s.grasped_1, carry, free), turn, 1.0 - 2.0 * shut)
+        return self.one.action(choose(s.grasped_1, carry, free), turn, 1.0 - 2.0 * shut)
 
     def _second(self, s: Signals) -> Tensor:
         hand = self.hand(s, 2)
@@ -117,11 +110,11 @@ class Smooth(Expert):
         wait = _to(self.layout.psm2.tool_position, hand)
         free = torch.lerp(wait, _HELD_UP.approach(self.two, still), comes.unsqueeze(-1))
         keep = s.meeting - s.needle_middle
-        keep = _choose(s.grasped_1, torch.zeros_like(keep), keep)
+        keep = choose(s.grasped_1, torch.zeros_like(keep), keep)
         near = _HELD_UP.near(hand) * comes
         shut = torch.where(s.grasped_2, torch.ones_like(near), near)
         turn = blade_turn(hand, hand.quat) * ~s.grasped_2
-        return self.two.action(_choose(s.grasped_2, keep, free), turn, 1.0 - 2.0 * shut)
+        return self.two.action(choose(s.grasped_2, keep, free), turn, 1.0 - 2.0 * shut)
 
 
 class Cheat(Expert):
@@ -143,8 +136,3 @@ def _is_near(hand: SimpleNamespace) -> Tensor:
 def _to(place: tuple[float, float, float], hand: SimpleNamespace) -> Tensor:
     """The move ``(n, 3)``, m, of a tool to a place."""
     return hand.tool_midpoint.new_tensor(place) - hand.tool_midpoint
-
-
-def _choose(where: Tensor, yes: Tensor, no: Tensor) -> Tensor:
-    """Moves ``(n, 3)`` by a condition ``(n,)``."""
-    return torch.where(where.unsqueeze(-1), yes, no)

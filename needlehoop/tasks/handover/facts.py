@@ -43,8 +43,12 @@ def observe(
     """Decide the facts, see ``contract.Task``."""
     place = readings["needle_middle"], readings["needle_quat"]
     curve = centre_line(layout, *place)
-    first, weld_1 = _hold(rules, memory, readings, curve, "1")
-    second, weld_2 = _hold(rules, memory, readings, curve, "2")
+    held, welds = [], {}
+    for name, before in (("psm1", "grasped_1"), ("psm2", "grasped_2")):
+        own = {**of_arm(name, memory), "grasped": memory[before]}
+        now, welds[name] = hold(rules, own, of_arm(name, readings), curve, *place)
+        held.append(now)
+    first, second = held
     lowest = curve[..., 2].amin(1) - layout.needle_thickness / 2
     lifted = (first | second) & (lowest > rules.lift_height)
     alone = second & ~first
@@ -60,13 +64,4 @@ def observe(
         "released": released,
         "handed": released & lifted & kept,
     }
-    return facts, by_arm({"psm1": weld_1, "psm2": weld_2})
-
-
-def _hold(
-    rules: HandoverRules, memory: Memory, readings: Mapping[str, Tensor], curve: Tensor, arm: str
-) -> tuple[Tensor, dict[str, Weld]]:
-    """Whether an arm holds the needle, and its weld; see ``psm.hold``."""
-    own = {**of_arm(f"psm{arm}", memory), "grasped": memory[f"grasped_{arm}"]}
-    place = readings["needle_middle"], readings["needle_quat"]
-    return hold(rules, own, of_arm(f"psm{arm}", readings), lambda: curve, *place)
+    return facts, by_arm(welds)

@@ -50,10 +50,19 @@ class Human:
         up = held * self._closeness(s.needle_middle, s.meeting)
         way = self._closeness(s.psm1_tool_midpoint, s.pickup_1)
         away_1, away_2 = (_away(s, arm) for arm in (1, 2))
-        opened, opened_2 = _open(s.psm1_jaw_command), _open(s.psm2_jaw_command)
-        reach = 0.3 * way + self._jaws(away_1, opened)
-        come = self._waiting(s, away_2, opened_2) + up * s.lifted * self._jaws(away_2, opened_2)
-        given = 0.4 * s.both * opened + (0.7 + 0.3 * s.handed) * s.released
+        # How far jaws are told to open, from 0 to 1.
+        opened_1, opened_2 = (
+            (command / _WIDE_OPEN).clamp(0.0, 1.0)
+            for command in (s.psm1_jaw_command, s.psm2_jaw_command)
+        )
+        # Where PSM 2's pickup point will be with the needle at the meeting place.
+        place = s.pickup_2 + s.meeting - s.needle_middle
+        # About the needle the jaws are to shut.
+        ready = torch.where(away_2 == 0, one, opened_2)
+        waiting = 0.25 * self._closeness(s.psm2_tool_midpoint, place) * (1.0 + ready)
+        reach = 0.3 * way + self._jaws(away_1, opened_1)
+        come = waiting + up * s.lifted * self._jaws(away_2, opened_2)
+        given = 0.4 * s.both * opened_1 + (0.7 + 0.3 * s.handed) * s.released
         return {
             "grasp": self.grasp * torch.where(held, one, reach),
             "lift": self.lift * up,
@@ -61,14 +70,6 @@ class Human:
             "give": self.give * given,
             "time": -self.time * s.elapsed,
         }
-
-    def _waiting(self, s: Signals, away: Tensor, opened: Tensor) -> Tensor:
-        """How near PSM 2 is to where it will take the needle, from 0 to 0.5 ``(n,)``."""
-        # Its pickup point as it will be with the needle at the meeting place.
-        place = s.pickup_2 + s.meeting - s.needle_middle
-        # About the needle the jaws are to shut.
-        ready = torch.where(away == 0, torch.ones_like(opened), opened)
-        return 0.25 * self._closeness(s.psm2_tool_midpoint, place) * (1.0 + ready)
 
     def _jaws(self, away: Tensor, opened: Tensor) -> Tensor:
         """How nearly jaws are shut about their pickup point, from 0 to 0.5 ``(n,)``."""
@@ -80,12 +81,5 @@ class Human:
 
 def _away(s: Signals, arm: int) -> Tensor:
     """Distance of an arm's pickup point from the gap between its blades ``(n,)``, m."""
-    wrist, quat, jaw = (
-        getattr(s, f"psm{arm}_{name}") for name in ("wrist_pos", "tool_quat", "jaw")
-    )
-    return outside_jaws(wrist, quat, jaw, getattr(s, f"pickup_{arm}").unsqueeze(1)).squeeze(1)
-
-
-def _open(command: Tensor) -> Tensor:
-    """How far jaws are told to open, from 0 to 1."""
-    return (command / _WIDE_OPEN).clamp(0.0, 1.0)
+    blades = (getattr(s, f"psm{arm}_{name}") for name in ("wrist_pos", "tool_quat", "jaw"))
+    return outside_jaws(*blades, getattr(s, f"pickup_{arm}").unsqueeze(1)).squeeze(1)

@@ -7,14 +7,15 @@ from typing import Annotated, ClassVar
 
 import mujoco
 import numpy as np
+import torch
 
 from needlehoop.config.strict import Count, Range
 from needlehoop.scene.signals import of_site
 from needlehoop.scene.spec import Materials
-from needlehoop.tasks.arms import begun
+from needlehoop.tasks.arms import by_arm
 from needlehoop.tasks.layout import ArmAside, ArmEpisode, Layout, Place
 from needlehoop.tasks.needle_hoop.needle import Needle, add_needle, lying
-from needlehoop.tasks.psm import add_grasp, tool_start
+from needlehoop.tasks.psm import add_grasp, servos, tool_start
 from needlehoop.tasks.start import Chance, Start
 
 ARMS = {"psm1": "PSM 1", "psm2": "PSM 2"}
@@ -91,4 +92,6 @@ def start(layout: HandoverLayout, chance: Chance) -> Start:
     place = chance.place(layout.needle_position, layout.needle_position_range)
     yaw = chance.about(layout.needle_yaw, layout.needle_yaw_range)
     arms = {name: tool_start(getattr(layout, name), chance) for name in ARMS}
-    return begun(arms, {"needle": lying(layout, place, yaw)})
+    control = torch.cat([servos(one) for one in arms.values()], -1)
+    needle = lying(layout, place, yaw)
+    return Start(by_arm(arms), free={"needle": needle}, mocap={}, control=control)

@@ -9,7 +9,7 @@ from torch import Tensor
 from needlehoop.robot import geometry as geo
 from needlehoop.robot.geometry import ramp
 from needlehoop.scene.signals import Signals
-from needlehoop.tasks.scripted import Funnel, Script, blade_turn, descend, direction
+from needlehoop.tasks.scripted import Funnel, Script, blade_turn, choose, descend, direction
 
 _HOVER = 0.012
 """Height above the pickup point at which the open jaws line up, m."""
@@ -27,7 +27,7 @@ class Expert(Script):
     def __call__(self, s: Signals) -> Tensor:
         """Actions ``(n, 5)`` float64 for the signals of ``n`` environments."""
         aligned = blade_turn(s, s.needle_quat)
-        move = torch.where(s.grasped.unsqueeze(-1), self._carry(s), self._approach(s, aligned))
+        move = choose(s.grasped, self._carry(s), self._approach(s, aligned))
         turn = torch.where(s.grasped, self._insertion_turn(s) * s.lifted, aligned)
         return self.action(move, turn, self._jaw(s))
 
@@ -42,8 +42,7 @@ class Expert(Script):
         )
         ahead = torch.where(through, self.past() - depth, -_STANDOFF - depth)
         insert = ahead * s.hoop_axis - radial
-        move = torch.where(s.lifted.unsqueeze(-1), insert, s.lift_position - s.pickup_point)
-        return self.squeezed(move, s)
+        return self.squeezed(choose(s.lifted, insert, s.lift_position - s.pickup_point), s)
 
     def _jaw(self, s: Signals) -> Tensor:
         """Close when the needle is between the jaws and while it is held; else open."""
@@ -60,9 +59,7 @@ class Expert(Script):
         return geo.angle(ax * bx + ay * by, ax * by - ay * bx)
 
 
-_FUNNEL = Funnel(
-    free=0.005, edge=0.009, height=(0.008, 0.004), aside=(0.010, 0.006), shut=(0.45, 0.25)
-)
+_FUNNEL = Funnel()
 
 _AIMED, _ASTRAY = 0.35, 0.85
 """Distances of the tip from the hoop's axis, in radii of the opening, at which it is sent all the
@@ -90,13 +87,10 @@ class Smooth(Expert):
         off, most = self.slowly(s.pickup_point[:, 2] - self.layout.needle_thickness / 2)
         lift[:, :2] *= off.unsqueeze(-1)
         lift[:, 2] = torch.minimum(lift[:, 2], most)
-        return torch.where(s.lifted.unsqueeze(-1), insert, lift)
+        return choose(s.lifted, insert, lift)
 
     def _jaw(self, s: Signals) -> Tensor:
-        """Shut where the needle is between the jaws, and while it is held; else open.
-
-        It does not depend on the jaws' angle, which is hard to see.
-        """
+        """As the expert's, whatever the jaws' angle, which is hard to see."""
         near = _FUNNEL.near(s)
         return 1.0 - 2.0 * torch.where(s.grasped, torch.ones_like(near), near)
 

@@ -28,7 +28,7 @@ def observe(
     r = readings
     place = r["pickup_point"], r["needle_quat"]
     curve = centre_line(layout, *place)
-    grasped, welds = hold(rules, memory, r, lambda: curve, *place)
+    grasped, welds = hold(rules, memory, r, curve, *place)
     near = geo.distance(r["pickup_point"], r["lift_position"]) < rules.lift_radius
     touched = geo.distance(r["needle_tip"], r["goal"]) < rules.goal_radius
     passed = passes_through(layout, rules.thread_depth, curve, r["goal"], r["hoop_axis"])

@@ -16,7 +16,7 @@ from needlehoop.scene.signals import of_body, of_site
 from needlehoop.scene.spec import Materials
 from needlehoop.tasks.layout import ArmEpisode, ArmLayout, Length, Place, Spread
 from needlehoop.tasks.needle_hoop.needle import Needle, add_chain, add_needle, lying
-from needlehoop.tasks.psm import add_grasp, begun, tool_start
+from needlehoop.tasks.psm import add_grasp, servos, tool_start
 from needlehoop.tasks.start import Chance, Start
 
 
@@ -121,4 +121,4 @@ def place(robot: dict[str, Tensor], needle: Tensor, hoop: Tensor) -> Start:
     stand = torch.cat((hoop[:, :2], torch.zeros_like(hoop[:, :1])), -1)
     lift = torch.cat((needle[:, :2], hoop[:, 2:]), -1)
     places = {"stand": stand, "hoop": hoop, "lift_position": lift}
-    return begun(robot, places, {"needle": needle})
+    return Start(robot, free={"needle": needle}, mocap=places, control=servos(robot))

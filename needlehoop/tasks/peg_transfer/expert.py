@@ -9,7 +9,7 @@ from needlehoop.robot import geometry as geo
 from needlehoop.robot.geometry import ramp
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks.peg_transfer.facts import lower_edge
-from needlehoop.tasks.scripted import Funnel, Script, blade_turn, descend
+from needlehoop.tasks.scripted import Funnel, Script, blade_turn, choose, descend
 
 _HOVER = 0.016
 """Height above the pickup point at which the open jaws line up, m."""
@@ -30,8 +30,8 @@ class Expert(Script):
         turn = blade_turn(s, s.block_quat)
         done = s.over & s.arrived & ~s.grasped
         approach = descend(s, turn, _HOVER, askew=0.1)
-        move = torch.where(s.grasped.unsqueeze(-1), self._carry(s), approach)
-        move = torch.where(done.unsqueeze(-1), self._up(s, (s.jaw > 0.6) * _HOVER), move)
+        move = choose(s.grasped, self._carry(s), approach)
+        move = choose(done, self._up(s, (s.jaw > 0.6) * _HOVER), move)
         return self.action(move, turn * (~s.grasped & ~done), self._jaw(s, done))
 
     def low(self, s: Signals) -> Tensor:
@@ -46,7 +46,7 @@ class Expert(Script):
         clear = s.lifted | down
         climb = self.layout.marked_height + self.layout.carry_height - self.low(s)
         level = torch.cat((away[:, :2] * clear.unsqueeze(-1), climb.unsqueeze(-1)), -1)
-        return self.squeezed(torch.where(down.unsqueeze(-1), away, level), s)
+        return self.squeezed(choose(down, away, level), s)
 
     def _up(self, s: Signals, height: Tensor) -> Tensor:
         """Straight up ``(n, 3)``, m, when the jaws have let go."""
@@ -94,7 +94,7 @@ class Smooth(Expert):
         # The faster up the wider the jaws are open.
         leave = self._up(s, self.asking(1.0) * ramp(s.jaw, 0.4, 0.8))
         free = torch.lerp(_FUNNEL.approach(self, s), leave, home.unsqueeze(-1))
-        move = torch.where(s.grasped.unsqueeze(-1), self._transfer(s, aside, low), free)
+        move = choose(s.grasped, self._transfer(s, aside, low), free)
         # So low, it must be about the peg, even if it seems to be beside it.
         lets_go = about * ramp(low, _HOLD, _OPEN)
         shut = torch.where(s.grasped, 1.0 - lets_go, _FUNNEL.near(s) * (1.0 - home))

@@ -36,25 +36,23 @@ def observe(
     layout: PegLayout, rules: PegRules, memory: Memory, readings: Mapping[str, Tensor]
 ) -> tuple[dict[str, Tensor], dict[str, Weld]]:
     """Decide the facts, see ``contract.Task``."""
-    r = readings
-    position, quat = r["block_position"], r["block_quat"]
-
-    def walls() -> Tensor:
-        return position.unsqueeze(1) + geo.rotate(
-            quat.unsqueeze(1), _inside_walls(layout, quat.device)
-        )
-
-    grasped, welds = hold(rules, memory, r, walls, position, quat)
+    r, position, quat = readings, readings["block_position"], readings["block_quat"]
+    local = geo.rotate(quat.unsqueeze(1), _inside_walls(layout, quat.device))
+    grasped, welds = hold(rules, memory, r, position.unsqueeze(1) + local, position, quat)
     low = lower_edge(layout, position, quat)
     near = geo.aside(position - r["goal"]) < rules.arrive_radius
     over = is_over(layout, position, quat, r["goal"])
     released = ~grasped & ~r["jaw_1_touch"] & ~r["jaw_2_touch"]
+    upright = _vertical(quat)[2].abs() > math.cos(rules.rest_tilt)
+    down = (position[:, 2] - r["goal"][:, 2]).abs() < rules.rest_gap
+    slow = geo.dot(r["block_velocity"], r["block_velocity"]) < rules.rest_speed**2
+    quiet = geo.dot(r["block_spin"], r["block_spin"]) < rules.rest_spin**2
     facts = {
         "grasped": grasped,
         "lifted": low > layout.marked_height,
         "arrived": near & (low < layout.marked_height),
         "over": over,
-        "placed": over & released & _stands(rules, r),
+        "placed": over & released & upright & down & slow & quiet,
     }
     return facts, welds
 
@@ -82,16 +80,6 @@ def is_over(layout: PegLayout, position: Tensor, quat: Tensor, goal: Tensor) -> 
             out = math.cos(angle) * (x + along * up_x) + math.sin(angle) * (y + along * up_y)
             through = through & (out < layout.hole_radius)
     return through
-
-
-def _stands(rules: PegRules, r: Mapping[str, Tensor]) -> Tensor:
-    """Whether the block stands upright on the board and is at rest; ``(n,)`` bool."""
-    _, _, up_z = _vertical(r["block_quat"])
-    upright = up_z.abs() > math.cos(rules.rest_tilt)
-    low = (r["block_position"][:, 2] - r["goal"][:, 2]).abs() < rules.rest_gap
-    slow = geo.dot(r["block_velocity"], r["block_velocity"]) < rules.rest_speed**2
-    quiet = geo.dot(r["block_spin"], r["block_spin"]) < rules.rest_spin**2
-    return upright & low & slow & quiet
 
 
 def _vertical(quat: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -16,7 +16,7 @@ from needlehoop.scene.shapes import collision
 from needlehoop.scene.signals import of_body, of_site
 from needlehoop.scene.spec import Materials
 from needlehoop.tasks.layout import ArmEpisode, ArmLayout, Length, Place, Spread, Turn
-from needlehoop.tasks.psm import add_grasp, begun, tool_start
+from needlehoop.tasks.psm import add_grasp, servos, tool_start
 from needlehoop.tasks.start import Chance, Start, standing
 
 WALLS = (0.0, 2 * math.pi / 3, 4 * math.pi / 3)
@@ -249,7 +249,12 @@ def _add_peg(body: mujoco.MjsBody, material: str, radius: float, height: float) 
 
 def start(layout: PegLayout, chance: Chance) -> Start:
     """Draw the block's peg and the marked one; scatter board, block and tool."""
-    begins, marked = _choose(layout, chance.number(), chance.number())
+    starts, goals = torch.tensor(layout.starts), torch.tensor(layout.goals)
+    begins = starts[(chance.number() * len(starts)).long()]
+    # Of the goals that are left: those at and behind the block's peg are counted one further.
+    taken = (goals == begins.unsqueeze(-1)).long()
+    pick = (chance.number() * (len(goals) - taken.sum(-1))).long()
+    marked = goals[pick + taken.cumsum(-1)[torch.arange(len(pick)), pick]]
     shift = chance.place((0.0, 0.0), layout.board_range)
     yaw = chance.about(layout.block_yaw, layout.block_yaw_range)
     off = chance.place((0.0, 0.0), layout.block_position_range)
@@ -274,18 +279,5 @@ def place(
     pegs = {"marked": marked, **dict(zip(OTHER_PEGS, others.unbind(-1), strict=True))}
     mocap = {name: torch.cat((places[at] + shift, flat), -1) for name, at in pegs.items()}
     mocap["board"] = torch.cat((shift, flat), -1)
-    lift = torch.full_like(flat, layout.carried)
-    mocap["lift_position"] = torch.cat((block[:, :2], lift), -1)
-    return begun(robot, mocap, {"block": block})
-
-
-def _choose(layout: PegLayout, first: Tensor, second: Tensor) -> tuple[Tensor, Tensor]:
-    """Indices ``(n,)`` of the block's peg and of the marked one, which are never the same."""
-    starts, goals = torch.tensor(layout.starts), torch.tensor(layout.goals)
-    begins = starts[(first * len(starts)).long()]
-    taken = (goals == begins.unsqueeze(-1)).long()
-    free = len(goals) - taken.sum(-1)
-    pick = (second * free).long()
-    # Those at and behind the taken one are counted one further.
-    at = torch.where(taken.any(-1), taken.argmax(-1), torch.full_like(pick, len(goals)))
-    return begins, goals[pick + (pick >= at)]
+    mocap["lift_position"] = torch.cat((block[:, :2], flat + layout.carried), -1)
+    return Start(robot, free={"block": block}, mocap=mocap, control=servos(robot))

@@ -16,7 +16,7 @@ from needlehoop.scene.shapes import add_upright
 from needlehoop.scene.spec import Materials
 from needlehoop.tasks.contract import Fact, Memory, Weld
 from needlehoop.tasks.layout import ArmLayout, Length, Place, Spread, ToolEpisode
-from needlehoop.tasks.psm import begun, tool_start
+from needlehoop.tasks.psm import servos, tool_start
 from needlehoop.tasks.start import Chance, Start
 
 BUMPS = 5
@@ -117,7 +117,8 @@ def start(layout: ReachLayout, chance: Chance) -> Start:
     places = {"target": tops[torch.arange(len(tops)), chosen] + up}
     for index in range(BUMPS):
         places[f"bump_{index}"] = places[f"mark_{index}"] = tops[:, index]
-    return begun(tool_start(layout, chance), places)
+    robot = tool_start(layout, chance)
+    return Start(robot, free={}, mocap=places, control=servos(robot))
 
 
 def observe(
