@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -43,15 +44,42 @@ def learnt(job: Job, updates: int | None = None, state: Any = None) -> tuple[Any
     learner = Learner(job, state)
     told = []
     for buffer, losses in learner:
-        own = {name: value for name, value in losses.items() if name not in CLOCKS}
-        told.append(str({**own, "seen": float(buffer["next", "reward"].double().sum())}))
+        told.append(said_of(buffer, losses))
         if learner.done_updates == updates:
             break
+    kept, weights = saved(learner), weights_of(learner)
+    learner.close()
+    return told, kept, weights
+
+
+def said_of(buffer, losses) -> str:
+    own = {name: value for name, value in losses.items() if name not in CLOCKS}
+    return str({**own, "seen": float(buffer["next", "reward"].double().sum())})
+
+
+def saved(learner: Learner) -> bytes:
     file = io.BytesIO()
     torch.save(learner.state_dict(), file)
-    weights = {name: one.clone() for name, one in learner.agent.state_dict().items()}
+    return file.getvalue()
+
+
+def weights_of(learner: Learner) -> dict[str, torch.Tensor]:
+    return {name: one.clone() for name, one in learner.agent.state_dict().items()}
+
+
+@pytest.fixture(scope="module")
+def by_two() -> SimpleNamespace:
+    """A training whose environments are in two other processes."""
+    learner = Learner(job_of("collector.workers=2", *METHODS["sac"]))
+    told, buffers, state = [], [], b""
+    for buffer, losses in learner:
+        told.append(said_of(buffer, losses))
+        buffers.append(buffer.clone())
+        if learner.done_updates == 2:
+            state = saved(learner)
+    weights = weights_of(learner)
     learner.close()
-    return told, file.getvalue(), weights
+    return SimpleNamespace(told=told, buffers=buffers, state=state, weights=weights)
 
 
 @pytest.mark.parametrize(
@@ -72,13 +100,11 @@ def test_a_seed_gives_the_same_bits_again_and_after_a_stop(method, collector):
     assert [name for name in weights if not torch.equal(weights[name], again[name])] == []
 
 
-def test_a_machine_with_other_cores_goes_on_with_as_many_workers():
-    told, _, weights = learnt(job_of("collector.workers=2", *METHODS["ppo"]))
-    _, state, _ = learnt(job_of("collector.workers=2", *METHODS["ppo"]), updates=2)
-    alone = job_of(*METHODS["ppo"])
-    rest, _, again = learnt(alone, state=torch.load(io.BytesIO(state), weights_only=True))
-    assert rest == told[2:]
-    assert all(torch.equal(weights[name], again[name]) for name in weights)
+def test_a_machine_with_other_cores_goes_on_with_as_many_workers(by_two):
+    state = torch.load(io.BytesIO(by_two.state), weights_only=True)
+    rest, _, again = learnt(job_of(*METHODS["sac"]), state=state)
+    assert rest == by_two.told[2:]
+    assert all(torch.equal(one, again[name]) for name, one in by_two.weights.items())
 
 
 def test_images_are_folded_where_they_are_made_and_resets_renew_those_that_began():
@@ -98,13 +124,10 @@ def test_images_are_folded_where_they_are_made_and_resets_renew_those_that_began
     assert ended > 5
 
 
-def test_buffers_are_flown_again_from_their_actions():
-    job = job_of(*METHODS["sac"], "collector.workers=2")
-    learner = Learner(job)
-    flown = [buffer.clone() for buffer, _ in learner]
-    learner.close()
-    again = flown_again(job, torch.stack([buffer["action"] for buffer in flown]))
-    for one, other in zip(flown, again, strict=True):
+def test_buffers_are_flown_again_from_their_actions(by_two):
+    job = job_of(*METHODS["sac"])
+    again = flown_again(job, torch.stack([buffer["action"] for buffer in by_two.buffers]))
+    for one, other in zip(by_two.buffers, again, strict=True):
         for key in (("pixels", "seg_side"), "proprio", ("next", "pixels", "dep_front")):
             assert torch.equal(one[key], other[key]), key
         assert torch.equal(one["next", "reward"], other["next", "reward"])

@@ -94,7 +94,7 @@ def test_a_run_that_stopped_before_its_first_checkpoint_begins_again(tmp_path, m
 
 def test_runs_of_a_sweep_that_differ_have_folders_of_their_own(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
-    words = ["-m", *SMALL, "algo.learning_rate=1e-4,3e-4", "task=near,wide", "results=results"]
+    words = ["-m", *TINY, "algo.learning_rate=1e-4,3e-4", "task=near,wide"]
     run_train(*words)
     assert "4 runs, 0 failed" in capfd.readouterr().out
     places = {
@@ -117,7 +117,7 @@ def test_runs_of_a_sweep_that_differ_have_folders_of_their_own(tmp_path, monkeyp
     assert "algo.learning_rate-0.0001+task-near" in table
     assert table.count("algo.learning_rate-0.0003") == 2
     # What they are called by does not depend on the order of the words.
-    run_train("-m", *SMALL, "results=results", *reversed(words[-3:-1]))
+    run_train("-m", *TINY, *reversed(words[-2:]))
     assert "4 runs, 0 failed, 4 done before" in capfd.readouterr().out
 
 
