@@ -81,5 +81,6 @@ class Human:
 
 def _away(s: Signals, arm: int) -> Tensor:
     """Distance of an arm's pickup point from the gap between its blades ``(n,)``, m."""
-    blades = (getattr(s, f"psm{arm}_{name}") for name in ("wrist_pos", "tool_quat", "jaw"))
-    return outside_jaws(*blades, getattr(s, f"pickup_{arm}").unsqueeze(1)).squeeze(1)
+    own = f"psm{arm}_wrist_pos", f"psm{arm}_tool_quat", f"psm{arm}_jaw", f"pickup_{arm}"
+    wrist, quat, jaw, pickup = (getattr(s, name) for name in own)
+    return outside_jaws(wrist, quat, jaw, pickup.unsqueeze(1)).squeeze(1)
