@@ -37,11 +37,8 @@ def test_a_size_is_a_side_or_width_and_height(word, size, said):
 @pytest.mark.parametrize(
     ("word", "said"),
     [
-        ("[80,64,3]", "neither the side of a square nor"),
         ("[80]", "neither the side of a square nor"),
-        ("[80,high]", "'high' is not a whole number"),
         ("[80,0]", "0 must be at least 1"),
-        ("4096", "4096 must be at most 2048"),
         ("[80,63]", "width and height must differ by an even number"),
     ],
 )

@@ -22,13 +22,12 @@ VARIANTS = ("near", "standard", "wide")
 TARGET = torch.tensor([[0.004, -0.02, 0.02]], dtype=torch.float64)
 
 
-def settings_of(*words: str) -> Settings:
-    task = [] if any(word.startswith("task=") for word in words) else ["task=reach"]
-    return compose_settings([*task, *words])
+def settings_of(*words: str, variant: str = "standard") -> Settings:
+    return compose_settings([f"task=reach/{variant}", *words])
 
 
-def simulation_of(*words: str) -> Simulation:
-    return build(settings_of(*words))
+def simulation_of(*words: str, variant: str = "standard") -> Simulation:
+    return build(settings_of(*words, variant=variant))
 
 
 def places(*offsets: tuple[float, float, float]) -> list[Tensor]:
@@ -90,7 +89,7 @@ def test_the_right_height_over_another_mark_is_not_the_target():
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_no_episode_begins_near_or_in_contact(variant):
-    simulation = simulation_of(f"task=reach/{variant}", "num_envs=200")
+    simulation = simulation_of("num_envs=200", variant=variant)
     for _ in range(3):
         moment = simulation.reset()
         away = (moment.signals.tool_midpoint - moment.signals.target).norm(dim=-1)
@@ -101,7 +100,7 @@ def test_no_episode_begins_near_or_in_contact(variant):
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_bumps_and_target_stand_where_the_tool_can_be_and_cameras_look(variant):
-    layout = settings_of(f"task=reach/{variant}").task
+    layout = settings_of(variant=variant).task
     ends = torch.tensor([0.0, 1.0 - 1e-9], dtype=torch.float64)
     corners = ends.unsqueeze(-1).expand(2, NUMBERS)
     drawn = [torch.from_numpy(draws(3, env, 0)) for env in range(200)]
@@ -134,6 +133,3 @@ def test_success_ends_with_the_highest_potential(who):
         assert (moment.potential[moment.facts["success"]] > 7.9).all()
         assert (moment.potential[~moment.facts["success"]] <= 5.0).all()
     assert bool(done.all()) == (who != "random")
-
-
-# The scene.
