@@ -13,7 +13,7 @@ import logging
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -74,6 +74,11 @@ def read_spec(path: Path) -> PolicySpec:
 
 def read_actor(path: Path, spec: PolicySpec, device: torch.device) -> Actor:
     """The trained policy of a file; errors as in ``read_spec``."""
+    # First without memory: a stranger's file may name networks that no machine could hold.
+    plain = replace(spec, precision=PRECISION)
+    with torch.device("meta"):
+        shapes = Actor(plain, plain.trunk(torch.device("cpu")))
+    read_weights(path, shapes)
     actor = Actor(spec, spec.trunk(device))
     read_weights(path, actor)
     return actor.to(device)
@@ -81,8 +86,9 @@ def read_actor(path: Path, spec: PolicySpec, device: torch.device) -> Actor:
 
 def read_weights(path: Path, actor: Actor) -> None:
     """Put a file's weights into a policy of its run; errors as in ``read_spec``."""
+    place = next(actor.parameters()).device
     with _opened(path):
-        state = load_file(path)
+        state = {name: one.to(place) for name, one in load_file(path).items()}
     with fitting(str(path)):
         actor.load_state_dict(state)
 
