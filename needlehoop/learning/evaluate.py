@@ -133,7 +133,7 @@ def load_agent(run: Run, job: Job, device: torch.device, policy: str = "last") -
     if weights.exists() or policy == "best":
         read_weights(weights, agent.actor)
     if policy == "last" and (checkpoint.exists() or not weights.exists()):
-        state = run.checkpoint().state
+        state = run.checkpoint()
         with fitting(str(checkpoint)):
             agent.load_state_dict(state["learner"][job.algo.kind]["agent"])
     return agent

@@ -23,12 +23,12 @@ class UnreadableError(ValueError):
 
 
 @contextmanager
-def named(file: Any, advice: str = "") -> Iterator[None]:
-    """Turns an ``UnreadableError`` into a ``ValueError``: the file, the error, what to do."""
+def named(file: Any) -> Iterator[None]:
+    """Turns an ``UnreadableError`` into a ``ValueError`` that names the file."""
     try:
         yield
     except UnreadableError as error:
-        raise ValueError(f"{file} {error}{advice and f'; {advice}'}") from error
+        raise ValueError(f"{file} {error}") from error
 
 
 def read_text(path: Path) -> str:

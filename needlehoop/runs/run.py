@@ -9,7 +9,7 @@ import os
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 import yaml
@@ -25,28 +25,12 @@ from needlehoop.runs.files import (
     write_whole,
 )
 from needlehoop.runs.machine import provenance
-from needlehoop.runs.reading import UnreadableError, named, read_json, read_yaml
+from needlehoop.runs.reading import named, read_json, read_yaml
 
 _TABLES = (METRICS, EVALUATIONS)
 
 _BORN = {CONFIG, MANIFEST, REWARD}
 """The files of a run that has only begun."""
-
-ADVICE = (
-    "put it back, or begin the run again with overwrite=true, which keeps this one under a number"
-)
-"""What to do about a damaged file of a run."""
-
-
-class Checkpoint(NamedTuple):
-    """What a run goes on from."""
-
-    state: dict[str, Any]
-    """The training's tensors and plain values."""
-    config: dict[str, Any]
-    """The run's settings."""
-    sizes: dict[str, int]
-    """Bytes of each table, by its file."""
 
 
 class Run:
@@ -109,14 +93,14 @@ class Run:
         """The composed config that the run began with; ``ValueError`` if the file is damaged."""
         if self._config is None:
             path = self.folder / CONFIG
-            with named(path, ADVICE):
+            with named(path):
                 self._config = read_yaml(path)
         return self._config
 
     def manifest(self) -> dict[str, Any]:
         """Versions, commit, machine, times; empty if there is none, ``ValueError`` if damaged."""
         path = self.folder / MANIFEST
-        with named(path, ADVICE):
+        with named(path):
             return read_json(path) if path.exists() else {}
 
     def note(self, **facts: Any) -> None:
@@ -155,13 +139,13 @@ class Run:
             return [*csv.DictReader(file)]
 
     def save(self, state: Mapping[str, Any]) -> None:
-        """Write the checkpoint, whole or not at all."""
+        """Write the checkpoint, whole or not at all, with the bytes of each table."""
         self._cut_back()
-        own = {"config": self.config(), "tables": {name: self._size(name) for name in _TABLES}}
-        write_checkpoint(self.folder / CHECKPOINT, {**state, **own})
+        sizes = {name: self._size(name) for name in _TABLES}
+        write_checkpoint(self.folder / CHECKPOINT, {**state, "tables": sizes})
 
-    def checkpoint(self) -> Checkpoint:
-        """The last checkpoint; a foreign file can't run anything here.
+    def checkpoint(self) -> dict[str, Any]:
+        """The last checkpoint, on the CPU; a foreign file can't run anything here.
 
         Raises ``ValueError`` where there is none, or it is damaged.
         """
@@ -171,19 +155,22 @@ class Run:
                 f"{self.folder} has no {CHECKPOINT}: it ended before the first one (or was copied"
                 " without it), and nothing can go on from there"
             )
-        with named(path, ADVICE):
-            return _read_checkpoint(path)
+        try:
+            return torch.load(path, map_location="cpu", weights_only=True)
+        except Exception as error:
+            # Whatever an unpickler can trip over: other bytes fail in ways of their own.
+            raise ValueError(f"{path} is damaged: cut off, or something else") from error
 
-    def go_on(self, checkpoint: Checkpoint | None) -> None:
+    def go_on(self, checkpoint: Mapping[str, Any] | None) -> None:
         """Go on from a checkpoint, or from the beginning where there is none.
 
         The rows after it are made again. They stay until then, because a run that is refused
         keeps what it has. Raises ``ValueError`` where a table has lost rows since.
         """
-        self._sizes = checkpoint.sizes if checkpoint else {}
+        self._sizes = checkpoint["tables"] if checkpoint else {}
         for name, size in self._sizes.items():
             if self._size(name) < size:
-                raise ValueError(f"{self.folder / name} has lost rows since {CHECKPOINT}; {ADVICE}")
+                raise ValueError(f"{self.folder / name} has lost rows since {CHECKPOINT}")
 
     def _cut_back(self) -> None:
         if self._sizes is None:
@@ -219,9 +206,9 @@ class Run:
 
 def _cell(value: Any) -> Any:
     """Numbers with nine digits, which bring a float32 back to the bit."""
-    if isinstance(value, float):
-        return "" if value != value else format(value, ".9g")
-    return "" if value is None else value
+    if value is None or value != value:
+        return ""
+    return format(value, ".9g") if isinstance(value, float) else value
 
 
 def write_checkpoint(path: Path, content: Mapping[str, Any]) -> None:
@@ -229,19 +216,3 @@ def write_checkpoint(path: Path, content: Mapping[str, Any]) -> None:
     buffer = io.BytesIO()
     torch.save(content, buffer)
     write_whole(path, buffer.getvalue())
-
-
-def _read_checkpoint(path: Path) -> Checkpoint:
-    """What is in a file, on the CPU; ``UnreadableError`` for one that is damaged."""
-    try:
-        found = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:
-        # Whatever an unpickler can trip over: other bytes fail in ways of their own.
-        raise UnreadableError("is damaged: cut off, or something else") from error
-    try:
-        config, tables = found.pop("config"), found.pop("tables")
-        # Until November 2026 a checkpoint held the tables' texts.
-        sizes = {k: len(v.encode()) if isinstance(v, str) else v for k, v in tables.items()}
-    except (AttributeError, KeyError) as error:
-        raise UnreadableError("is of another version: it has no settings or no tables") from error
-    return Checkpoint(found, config, sizes)

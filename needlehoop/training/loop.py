@@ -24,7 +24,7 @@ from needlehoop.learning.learner import Learner
 from needlehoop.learning.loggers import Logger
 from needlehoop.learning.policy import write_weights
 from needlehoop.runs.files import BEST, EVALUATION, EVALUATIONS, METRICS, POLICY, VIDEO
-from needlehoop.runs.machine import interruption, peak_memory, terminable
+from needlehoop.runs.machine import interruption, peak_memory
 from needlehoop.runs.reading import read_json
 from needlehoop.runs.run import Run
 from needlehoop.training.session import open_session
@@ -157,8 +157,7 @@ def start(values: dict[str, Any], overrides: list[str], command: str) -> tuple[s
                 end = train(job, run, logger, session.state, session.weights, until)
             if end == "done":
                 try:
-                    with terminable():
-                        finish(job, run, logger)
+                    finish(job, run, logger)
                     return end, _achieved(run, objective)
                 except KeyboardInterrupt:
                     run.note(stopped=True)

@@ -13,7 +13,6 @@ import torch
 
 from needlehoop import rewards
 from needlehoop.config import strict
-from needlehoop.config.changing import differing, plain
 from needlehoop.config.strict import OneOf, check_names
 from needlehoop.envs.settings import Settings, settings_from
 from needlehoop.learning.evaluate import load_agent, which_policy
@@ -31,10 +30,11 @@ from needlehoop.vlm.inquiry import Inquiry
 from needlehoop.vlm.writing import ProgramRules, program_rules
 
 _OF_NO_CONSEQUENCE = {
-    *("resume", "overwrite", "existing", "until", "results", "logger", "wandb"),
-    *("checkpoint_every", "vlm", "asking", "gates", "weights", "trust", "objective"),
+    *("results", "logger", "wandb", "checkpoint_every", "weights"),
+    # They are compared by what is in them.
+    *("env", "engine"),
 }
-"""Settings that may change when a run is resumed: they do not affect its results."""
+"""Settings that may change when a run goes on: they do not affect its results."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,19 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
     """
     if values["resume"] is not None:
         asked = strict.as_type(values, Options)
-        yield from _resumed(Run.open(Path(str(asked.resume)), "resume"), overrides, asked.trust)
+        run = Run.open(Path(str(asked.resume)), "resume")
+        with_agent = f"begin a run with its agent: init={run.folder} label=more"
+        if run.manifest().get("finished") is True:
+            raise ValueError(
+                f"resume: {run.folder} is finished, and its learning rate has come to its end;"
+                f" {with_agent}"
+            )
+        beside = ("resume=", "trust=", "conf_dir=")
+        if others := [word for word in overrides if not word.startswith(beside)]:
+            raise ValueError(
+                f"resume: a run goes on with its own settings, without {others[0]}; or {with_agent}"
+            )
+        yield from _continued(run, asked.trust)
         return
     asked, job = checked(values)
     ask_where_missing(values, job.env)
@@ -107,7 +119,7 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
         run = Run.open(folder)
         _check_same(run, job)
         # Its reward is the one that was typed, source included.
-        yield from _continued(run, trust=True, again=True)
+        yield from _continued(run, trust=True)
         return
     weights = initial_weights(job)
     loaded = rewards.load(job.env.reward, job.env.definition)
@@ -115,7 +127,7 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
         # A warning, no refusal: programs of others are tried as they are.
         print(f"reward: the gates on this program: {'; '.join(against)}", file=sys.stderr)
     with held(folder):
-        run = Run.create(folder, plain(values), rewards.text(loaded), asked.overwrite)
+        run = Run.create(folder, values, rewards.text(loaded), asked.overwrite)
         try:
             # Not sys.argv: a sweep's is that of all its runs, and a launcher's process has another.
             words = [*command.removeprefix("python ").split(), *overrides]
@@ -126,47 +138,20 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
             raise
 
 
-def _resumed(run: Run, overrides: list[str], trust: bool) -> Iterator[Session]:
-    """The run of ``resume=``, for ``open_session``."""
-    with_agent = f"begin a run with its agent: init={run.folder} label=more"
-    if run.manifest().get("finished") is True:
-        raise ValueError(
-            f"resume: {run.folder} is finished, and its learning rate has come to its end;"
-            f" {with_agent}"
-        )
-    beside = ("resume=", "trust=", "conf_dir=")
-    if others := [word for word in overrides if not word.startswith(beside)]:
-        raise ValueError(
-            f"resume: a run goes on with its own settings, without {others[0]}; or {with_agent}"
-        )
-    yield from _continued(run, trust)
-
-
-def _continued(run: Run, trust: bool, again: bool = False) -> Iterator[Session]:
-    """The rest of a run, for ``open_session``; errors as there.
-
-    With ``again``, one that ended before its first checkpoint begins again.
-    """
-    values = run.config()
-    job, _ = flown_job(values, (), trust)
+def _continued(run: Run, trust: bool) -> Iterator[Session]:
+    """The rest of a run, for ``open_session``; one without a checkpoint begins again."""
+    job, _ = flown_job(run.config(), (), trust)
     if run.manifest().get("finished"):
         yield Session(job, run)
         return
     with held(run.folder):
-        path = run.folder / CHECKPOINT
-        if again and not run.manifest().get("steps") and not path.exists():
+        if not run.manifest().get("steps") and not (run.folder / CHECKPOINT).exists():
             run.go_on(None)
             run.note(**provenance(), wall_time=0.0, stopped=False)
             yield Session(job, run, weights=initial_weights(job))
             return
-        checkpoint = run.checkpoint()
-        if other := differing(checkpoint.config, values, _OF_NO_CONSEQUENCE):
-            raise ValueError(
-                f"{path} was trained with another {other} than {CONFIG} has now; put the"
-                " file back, or begin a run of its own with study="
-            )
-        state = checkpoint.state
-        run.go_on(checkpoint)
+        state = run.checkpoint()
+        run.go_on(state)
         run.note(steps=state["update"] * job.buffer, wall_time=state["wall_time"], stopped=False)
         yield Session(job, run, state)
 
@@ -259,18 +244,28 @@ def _check_same(run: Run, job: Job) -> None:
 
     A key that its config lacks is one that came later: the run has its default.
     """
-    settings = []
-    for one in (checked_job(run.config()), job):
-        # An amount that is left out is none.
-        disturbance = (one.env.disturb.amounts, one.env.disturb.ramp)
-        own = {"env": None, "disturb": disturbance, "engine": vars(one.env.engine)}
-        # A function itself is in no file; its source is.
-        own["reward"] = {k: v for k, v in one.env.reward.items() if k != rewards.CALL}
-        # A sweep composes the views of all its runs for each of them.
-        own["views"] = {seen.view: one.env.views[seen.view] for seen in one.env.cameras}
-        settings.append({**vars(one), **vars(one.env), **own})
-    if other := differing(settings[0], settings[1], _OF_NO_CONSEQUENCE):
+    before, now = (_deciding(one) for one in (checked_job(run.config()), job))
+    if others := sorted(key for key in now if before[key] != now[key]):
         raise ValueError(
-            f"{run.folder} exists with another {other}; choose another label= or"
+            f"{run.folder} exists with another {', '.join(others)}; choose another label= or"
             " study=, or replace it with overwrite=true, which keeps it under a number"
         )
+
+
+def _deciding(job: Job) -> dict[str, Any]:
+    """The settings that decide a job's results, by key."""
+    env = job.env
+    found = {
+        key: one for key, one in {**vars(job), **vars(env)}.items() if key not in _OF_NO_CONSEQUENCE
+    }
+    return {
+        **found,
+        # The engine's kind and threads give the same bits.
+        "engine.renderer": env.engine.renderer,
+        # An amount that is left out is none.
+        "disturb": (env.disturb.amounts, env.disturb.ramp),
+        # A function itself is in no file; its source is.
+        "reward": {key: one for key, one in env.reward.items() if key != rewards.CALL},
+        # A sweep composes the views of all its runs for each of them.
+        "views": {seen.view: env.views[seen.view] for seen in env.cameras},
+    }

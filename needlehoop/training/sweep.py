@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 import sys
 import traceback
 from collections import Counter
@@ -60,11 +59,10 @@ class Sweep(Callback):
         # Folders of one's own are among Hydra's settings.
         place = [w for w in config.hydra.overrides.hydra if w.startswith("hydra.searchpath=")]
         try:
-            wrong = wrong_programs([*place, *run] for run in combinations(words))
+            for run in combinations(words):
+                check_run([*place, *run])
         except ValueError as error:
             sys.exit(f"nothing was started: {error}")
-        if wrong:
-            sys.exit("\n".join(("nothing was started: these rewards cannot be had", *wrong)))
 
     def on_multirun_end(self, config: Any, **kwargs: Any) -> None:
         """Says what is missing; the exit status is then 1."""
@@ -80,46 +78,33 @@ class Sweep(Callback):
 
 
 def combinations(words: Iterable[str]) -> list[list[str]]:
-    """The words of each of a sweep's runs; a later word replaces an earlier one of the same key."""
+    """The words of each of a sweep's runs, whose seed is left out: it changes no other setting.
+
+    A later word replaces an earlier one of the same key.
+    """
     choices = {}
     for one in OverridesParser.create().parse_overrides(list(words)):
         key, is_swept = one.get_key_element(), one.is_sweep_override()
         values = one.sweep_string_iterator() if is_swept else [one.get_value_element_as_str()]
         choices[key] = [f"{key}={value}" for value in values]
+    choices.pop("seed", None)
     return [list(run) for run in product(*choices.values())]
 
 
-def wrong_programs(runs: Iterable[list[str]]) -> list[str]:
-    """What is wrong with the programs of runs, a line for each.
+def check_run(words: list[str]) -> None:
+    """Raises ``ValueError`` for wrong settings of a run, or a program that is not there.
 
-    A program that is not there is no mistake where a model will be asked to write it. Another
-    mistake in the settings of a run is a ``ValueError``.
+    It is no mistake where a model will be asked to write the program.
     """
     from needlehoop import rewards
     from needlehoop.rewards import program_reward
     from needlehoop.training.session import checked
 
-    lines: dict[str, None] = {}
-    composed: dict[tuple[str, ...], dict[str, Any]] = {}
-    for run in runs:
-        # Composing takes a tenth of a second, and a seed changes no other setting.
-        seed = [word for word in run if re.fullmatch(r"seed=\d+", word)]
-        rest = tuple(word for word in run if word not in seed)
-        if rest not in composed:
-            composed[rest] = composing.compose_here(rest, "config")
-        values = dict(composed[rest])
-        if seed:
-            values["seed"] = int(seed[0].partition("=")[2])
-        if values["resume"] is not None:
-            continue
-        _, job = checked(values)
-        reward: Mapping[str, Any] = values["reward"]
-        if values["vlm"]["kind"] == "replay" or program_reward.is_recorded(reward):
-            try:
-                rewards.check(reward, job.env.definition)
-            except ValueError as error:
-                lines[f"  {error}"] = None
-    return list(lines)
+    values = composing.compose_here(words, "config")
+    _, job = checked(values)
+    reward: Mapping[str, Any] = values["reward"]
+    if values["vlm"]["kind"] == "replay" or program_reward.is_recorded(reward):
+        rewards.check(reward, job.env.definition)
 
 
 def camera_sets(experiment: str) -> list[str]:

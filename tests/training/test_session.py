@@ -51,18 +51,6 @@ def folder(killed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ite
     assert not [path for path in left if path.endswith((".partial", ".new", ".lock"))]
 
 
-def change(folder: Path, **changes: Any) -> None:
-    path = folder / "config.yaml"
-    path.write_text(yaml.safe_dump({**yaml.safe_load(path.read_text()), **changes}))
-
-
-def edit(folder: Path, change: Any) -> None:
-    """Write another checkpoint, whole by its sums."""
-    state = torch.load(folder / "checkpoint.pt")
-    change(state)
-    torch.save(state, folder / "checkpoint.pt")
-
-
 def kept(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
@@ -101,25 +89,11 @@ def test_views_that_no_camera_of_the_run_uses_do_not_count(tmp_path, monkeypatch
     run_composed(composed(*words, "views.side.fovy=10"))
 
 
-def test_settings_that_were_edited_are_refused(folder):
-    for changes, said in (({"steps": 8}, "steps"), ({"steps": 48, "seed": 3}, "seed, steps")):
-        change(folder, **changes)
-        before = kept(folder)
-        with pytest.raises(ValueError, match=f"was trained with another {said}"):
-            run_composed(composed(f"resume={folder}"))
-        assert kept(folder) == before
-
-
 def test_a_run_of_before_a_setting_existed_is_the_same_run(folder, whole):
     """It has the setting's default."""
-    later = ("disturb", "label", "task_dir")
-
-    def forget(values: dict[str, Any]) -> dict[str, Any]:
-        return {key: value for key, value in values.items() if key not in later}
-
-    path = folder / "config.yaml"
-    path.write_text(yaml.safe_dump(forget(yaml.safe_load(path.read_text()))))
-    edit(folder, lambda state: state.update(config=forget(state["config"])))
+    path, later = folder / "config.yaml", ("disturb", "label", "task_dir")
+    values = yaml.safe_load(path.read_text())
+    path.write_text(yaml.safe_dump({k: v for k, v in values.items() if k not in later}))
     others = composed(*TINY, "existing=resume", "disturb=mild", "episode.grasp=friction")
     with pytest.raises(ValueError, match="exists with another disturb, episode;"):
         run_composed(others)
@@ -127,22 +101,12 @@ def test_a_run_of_before_a_setting_existed_is_the_same_run(folder, whole):
     assert outcome(folder) == whole
 
 
-SPOILT = {
-    "no agent": (lambda s: s["learner"]["ppo"].pop("agent"), "'agent'"),
-    "no collector": (lambda s: s["learner"].pop("collector"), "'collector'"),
-    "no settings": (lambda s: s.pop("config"), "no settings"),
-}
-
-
 def test_a_checkpoint_that_does_not_fit_is_refused_in_a_line(folder):
-    values, whole = composed(f"resume={folder}"), (folder / "checkpoint.pt").read_bytes()
-    for name, (spoil, said) in SPOILT.items():
-        edit(folder, spoil)
-        before = kept(folder)
-        with pytest.raises(ValueError, match="checkpoint") as caught:
-            run_composed(values)
-        assert said in str(caught.value), name
-        assert "\n" not in str(caught.value), name
-        del before["manifest.json"]
-        assert {key: data for key, data in kept(folder).items() if key in before} == before, name
-        (folder / "checkpoint.pt").write_bytes(whole)
+    state = torch.load(folder / "checkpoint.pt")
+    del state["learner"]["ppo"]["agent"]
+    torch.save(state, folder / "checkpoint.pt")
+    before = kept(folder)
+    with pytest.raises(ValueError, match=r"^checkpoint .*'agent'$"):
+        run_composed(composed(f"resume={folder}"))
+    # A run that is refused keeps what it has.
+    assert {**kept(folder), "manifest.json": before["manifest.json"]} == before
