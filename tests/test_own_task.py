@@ -191,7 +191,7 @@ def test_an_installed_package_has_a_task(tmp_path, monkeypatch):
     info = tmp_path / "my_package-1.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: my_package\nVersion: 1\n")
-    (info / "entry_points.txt").write_text(f"[{registry.GROUP}]\ncube_on_spot = my_package:TASK\n")
+    (info / "entry_points.txt").write_text(f"[{registry.TASKS}]\ncube_on_spot = my_package:TASK\n")
     monkeypatch.syspath_prepend(tmp_path)
     settings = compose_settings(["task=cube_on_spot", "num_envs=1"])
     assert settings.definition.name == "cube_on_spot"

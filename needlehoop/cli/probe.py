@@ -23,8 +23,8 @@ def probe(options: argparse.Namespace) -> None:
     from needlehoop.config import composing
 
     # Hydra knows cams as the options of one environment, so camera sets go by another name there.
-    words = composing.in_brackets(options.overrides)
-    values = composing.compose((re.sub("^cams=", "combinations=", w) for w in words), "probe")
+    words = (re.sub("^cams=", "combinations=", word) for word in options.overrides)
+    values = composing.compose(words, "probe")
     from needlehoop.envs.settings import settings_from
 
     standing = settings_from({**values, "cams": []})

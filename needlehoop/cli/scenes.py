@@ -41,8 +41,7 @@ def tasks(options: argparse.Namespace) -> None:
 
     With task=<a variant>, the table of that task's signals as well.
     """
-    from needlehoop.config.options import typed, variants
-    from needlehoop.config.own_folder import part
+    from needlehoop.config.options import part, typed, variants
     from needlehoop.runs.shipped import CONF
     from needlehoop.tasks.registry import find, names
 

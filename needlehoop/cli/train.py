@@ -15,7 +15,7 @@ from hydra.errors import HydraException
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
-from needlehoop.config import composing, own_folder
+from needlehoop.config import composing
 from needlehoop.runs.machine import terminable
 from needlehoop.runs.reading import printable
 from needlehoop.training import sweep
@@ -37,7 +37,7 @@ def run(words: Sequence[str], command: str) -> None:
     # A closure: the process of a launcher has another command line.
     def job(composed: DictConfig) -> float:
         # Hydra has folders of one's own in its search path, and not among a run's words.
-        own = [word for word in words if word.startswith(f"{own_folder.KEY}=")]
+        own = [word for word in words if word.startswith("conf_dir=")]
         return _run_one(composed, command, given, own)
 
     # Hydra's parser takes settings in one piece, after its flags.

@@ -14,37 +14,17 @@ from typing import Any
 from hydra import initialize_config_dir
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from needlehoop.config import composing, options, own_folder
+from needlehoop.config import composing, options
 from needlehoop.config.strict import shown
 from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF
 
-_SEEN = ("cams", "image_size", "obs")
+_SEEN = {"cams", "image_size", "obs"}
 _NO_CONDITIONS = {*_SEEN, "cameras", "num_envs", "seed", "task_dir"}
 """Keys of an environment that stay as the run has them."""
 
 _NO_EFFECT = ("engine.kind", "engine.threads", "picture.")
 """Keys, or how they begin, that may be given and do not affect what an agent does."""
-
-
-def differing(before: Mapping[str, Any], now: Mapping[str, Any], but: Iterable[str]) -> str:
-    """Names of the settings that two configs have otherwise, ``but`` those that may differ.
-
-    Of the engine that is its renderer alone: its kind and threads give the same bits.
-    """
-    one, other = (
-        {**values, "engine.renderer": (values.get("engine") or {}).get("renderer")}
-        for values in (before, now)
-    )
-    keys = {*one, *other} - {*but, "engine"}
-    return ", ".join(sorted(key for key in keys if plain(one.get(key)) != plain(other.get(key))))
-
-
-def plain(value: Any) -> Any:
-    """As it comes back from YAML."""
-    if isinstance(value, Mapping):
-        return {key: plain(one) for key, one in value.items()}
-    return [plain(one) for one in value] if isinstance(value, list | tuple) else value
 
 
 def parted(words: Iterable[str], command: str) -> tuple[list[str], list[str]]:
@@ -62,11 +42,21 @@ def changed(
     A group's option replaces the group; another word sets one value. Where a key is unknown, the
     ``command``'s keys are named beside the others.
 
-    Returns all settings; and the new values by their whole key, ``episode.grasp``. Raises
-    ``ValueError`` for an unknown key, option or value, or a key that may not be changed.
+    Returns all settings, whose values are not checked yet; and the new values by their whole key,
+    ``episode.grasp``. Raises ``ValueError`` for an unknown key or option, or a key that may not be
+    changed.
     """
     given = list(words)
-    tops = check(given, recorded, command)
+    tops = {_top(word) for word in given} - {"conf_dir"}
+    valid = {"views", "renderings", *_keys("env")} - _NO_CONDITIONS
+    for top in sorted(tops - valid):
+        if top in _SEEN:
+            raise ValueError(
+                f"{top}: the agent's networks take what the run sees, {shown(recorded.get(top))},"
+                f" and nothing else; choose from {', '.join(sorted(valid))}"
+            )
+        known = {*(_keys(command) if command else []), *valid}
+        raise ValueError(f"{top}: unknown key; choose from {', '.join(sorted(known))}")
     before = deepcopy(dict(recorded))
     if not tops:
         return before, {}
@@ -74,6 +64,7 @@ def changed(
         # A run from before there was such a setting has it as it is by default.
         default = composing.compose((), "env")
         before |= {top: default[top] for top in newer}
+
     task = recorded["task"]["name"]
     prepared, folders = composing.prepare(given, task, recorded.get("task_dir"))
     place = [word for word in prepared if word.startswith("hydra.searchpath=")]
@@ -90,55 +81,31 @@ def changed(
             found = composing.compose_here([*place, *chosen, *seen], "env")
         values |= {group: found[group] for group in replaced}
     if values["task"].get("name") != task:
-        valid = ", ".join(options.variants(task, [CONF, *folders]))
-        raise ValueError(f"task: the run's is {task}; choose from {valid}")
+        own = ", ".join(options.variants(task, [CONF, *folders]))
+        raise ValueError(f"task: the run's is {task}; choose from {own}")
     for word in rest:
         if word not in chosen:
             _set(values, word)
     old = dict(_leaves(before))
+    new = _leaves({top: values[top] for top in tops})
     return values, {
-        key: new
-        for key, new in _leaves({top: values[top] for top in tops})
-        if not key.startswith(_NO_EFFECT) and (key not in old or old[key] != new)
+        key: value
+        for key, value in new
+        if not key.startswith(_NO_EFFECT) and (key not in old or old[key] != value)
     }
 
 
 def _set(values: dict[str, Any], word: str) -> None:
-    """Set one value by a word, in place; errors as in ``changed``."""
+    """Set one value by a word, in place."""
     with composing.explained("env"):
         (one,) = OverridesParser.create().parse_overrides([word])
-    if one.is_sweep_override() or one.is_delete():
-        raise ValueError(f"{word}: give one value")
     *above, last = one.key_or_group.split(".")
-    here: dict[str, Any] = values
-    for depth, key in enumerate((*above, last)):
-        if not isinstance(here, dict) or (key not in here and not one.is_add()):
-            valid = f"; choose from {', '.join(here)}" if isinstance(here, dict) else ""
-            raise ValueError(f"{one.key_or_group}: unknown key {key!r}{valid}")
-        if depth < len(above):
-            here = here[key]
-    new, old = one.value(), here.get(last)
-    here[last] = {**old, **new} if isinstance(old, dict) and isinstance(new, dict) else new
-
-
-def check(words: Iterable[str], recorded: Mapping[str, Any], command: str | None) -> set[str]:
-    """The first parts of the words' keys; arguments and errors as in ``changed``."""
-    tops = {_top(word) for word in words} - {own_folder.KEY}
-    valid = sorted({"views", "renderings", *_keys("env")} - _NO_CONDITIONS)
-    choose = f"choose from {', '.join(valid)}"
-    for top in tops - {*valid}:
-        if top in _SEEN:
-            raise ValueError(
-                f"{top}: the agent's networks take what the run sees, {shown(recorded.get(top))},"
-                f" and nothing else; {choose}"
-            )
-        if top in recorded or top in _NO_CONDITIONS:
-            raise ValueError(
-                f"{top}: it is no condition under which a trained agent acts; {choose}"
-            )
-        known = {*(_keys(command) if command else []), *valid}
-        raise ValueError(f"{top}: unknown key; choose from {', '.join(sorted(known))}")
-    return tops
+    here: Any = values
+    for key in above:
+        here = here.setdefault(key, {})
+        if not isinstance(here, dict):
+            raise ValueError(f"{one.key_or_group}: {key} has no keys")
+    here[last] = one.value()
 
 
 def setting(word: str) -> tuple[str, str]:

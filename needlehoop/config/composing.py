@@ -15,10 +15,10 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from needlehoop.config import options, own_folder
+from needlehoop.config import options
 from needlehoop.runs.shipped import CONF
 
-MULTIRUN = {"-m", "--multirun"}
+_LISTS = re.compile(r"(\+*(?:cams|combinations|axes|severities)=)([^\[\]'\"]+)")
 
 
 def compose(overrides: Iterable[str] = (), config: str = "env") -> dict[str, Any]:
@@ -48,44 +48,16 @@ def prepare(
     """A command line as Hydra takes it, and the config folders of one's own that it named.
 
     Also registers the options that are no files. A run decides its ``task`` and ``task_dir``.
-    Raises ``ValueError`` for a ``conf_dir`` or ``task_dir`` that is no such folder.
+    ``cams=a,b`` becomes ``cams=[a,b]``, which Hydra takes for one value; under ``-m`` a comma list
+    stays a sweep. Raises ``ValueError`` for a ``conf_dir`` or ``task_dir`` that is no such folder.
     """
-    rest, folders = own_folder.part(words)
+    rest, folders = options.part(words)
     folders += [] if task_dir is None else [Path(task_dir) / "conf"]
     options.register(rest, [CONF, *folders], task)
-    rest = [_quoted(word) for word in rest]
-    places = ",".join(own_folder.in_quotes(f"file://{folder}") for folder in folders)
-    found = [f"hydra.searchpath=[{places}]"] if places else []
-    rest = in_brackets(rest)
-    for text in options.typed(rest, "cams"):
-        names = re.sub(r"[\[\]'\" ]", "", text).split(",")
-        # Hydra would take it once; brackets within are lists of a sweep.
-        if re.fullmatch(r"\[[^\[\]]*\]", text) and len({*names}) < len(names):
-            raise ValueError(f"cams: {text} names one twice")
-    return [*found, *rest], folders
-
-
-def _quoted(word: str) -> str:
-    """``resume=`` with its path in quotes for Hydra."""
-    key, _, path = word.partition("=")
-    is_plain = key == "resume" and path not in ("", "null") and path[0] not in "'\""
-    return f"resume={own_folder.in_quotes(path)}" if is_plain else word
-
-
-def in_brackets(words: Iterable[str]) -> list[str]:
-    """A command line with ``cams=a,b`` as ``cams=[a,b]``, which Hydra takes for one value.
-
-    So is a single one of ``axes`` and ``severities``. Under ``-m`` a comma list stays a sweep.
-    """
-    given = list(words)
-    if MULTIRUN & set(given):
-        return given
-    cams = (r"^(\+*cams=)([^\[\]'\"]*,[^\[\]'\"]*)$", r"\1[\2]")
-    tests = (r"^((?:axes|severities)=)([^\[\]'\"]+)$", r"\1[\2]")
-    # Every axis is in the config already; people add one to none.
-    for pattern, into in (cams, tests, (r"^\+disturb\.", "disturb.")):
-        given = [re.sub(pattern, into, word) for word in given]
-    return given
+    if not {"-m", "--multirun"} & {*rest}:
+        rest = [_LISTS.sub(r"\1[\2]", word) if _LISTS.fullmatch(word) else word for word in rest]
+    places = ",".join(options.in_quotes(f"file://{folder}") for folder in folders)
+    return [*([f"hydra.searchpath=[{places}]"] if places else []), *rest], folders
 
 
 def plain(composed: DictConfig) -> dict[str, Any]:
@@ -113,14 +85,12 @@ def _explain(text: str, config: str) -> str:
     line = re.sub(r"\s*\n\s*", " ", text.partition("Config search path")[0]).strip()
     if option := re.search(r"Could not load '([^']+)/[^']+'", text):
         # One of several options of a group; of a single one, Hydra itself lists the others.
-        valid = GlobalHydra.instance().config_loader().get_group_options(option.group(1))
-        return f"{line} Available options in {option.group(1)!r}: {' '.join(valid)}"
+        valid = GlobalHydra.instance().config_loader().get_group_options(option[1])
+        return f"{line} Available options in {option[1]!r}: {' '.join(valid)}"
     found = re.search(r"Could not override '([^']+)'", text)
-    if not found:
-        return line
-    here: Any = hydra_compose(config)
+    here: Any = hydra_compose(config) if found else None
     known: list[str] = []
-    for key in found[1].split("."):
+    for key in found[1].split(".") if found else ():
         if not isinstance(here, DictConfig):
             break
         if key not in here:

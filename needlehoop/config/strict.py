@@ -44,9 +44,6 @@ _WORDS = {
 }
 """pydantic's most usual errors in plainer words."""
 
-_SHOWN = 60
-"""Characters of a value in an error, at most."""
-
 
 def Range(low: float | None = None, high: float | None = None, above: bool = False) -> Any:  # noqa: N802
     """The range of a number, ends included; ``above`` excludes the lower end."""
@@ -124,9 +121,9 @@ def read(values: Mapping[str, Any], **kinds: Any) -> SimpleNamespace:
 
 
 def shown(value: Any) -> str:
-    """A value as one short line, for errors."""
+    """A value as one line of at most 60 characters, for errors."""
     text = printable(repr(value))
-    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
+    return text if len(text) <= 60 else f"{text[:60]}…"
 
 
 def check_names(key: str, names: Sequence[str], valid: Sequence[str]) -> None:

@@ -12,7 +12,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
-from needlehoop.config.own_folder import GROUP
+from needlehoop.config.options import TASKS
 from needlehoop.runs.shipped import CONF
 from needlehoop.tasks import built_in
 from needlehoop.tasks.contract import Task
@@ -93,7 +93,7 @@ def add_folder(folder: Path) -> Task:
 
 def _entry(name: object) -> Any:
     """The entry point of an installed package's task, if there is one."""
-    found = () if name in built_in() else entry_points(group=GROUP, name=str(name))
+    found = () if name in built_in() else entry_points(group=TASKS, name=str(name))
     return next(iter(found), None)
 
 

@@ -38,7 +38,6 @@ UNKNOWN = ("rgb_top", "[rgb_front,rgb_top]", "front")
 BAD = [
     # override, then what the message has to say: the key, and what would be valid.
     *((f"cams={wrong}", ["cams/", wrong.strip("[]").split(",")[-1], CAMERAS]) for wrong in UNKNOWN),
-    ("cams=[rgb_front,seg_side,rgb_front]", ["cams", "rgb_front", "twice"]),
     ("reward=nope", ["reward", "nope", "human", "sparse"]),
     ("task=nope", ["task", "nope", "near", "standard", "wide"]),
     ("psm=prismatic", ["psm", "prismatic", "serial, parallelogram"]),
