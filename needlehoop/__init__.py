@@ -56,9 +56,8 @@ def make_env(
     from needlehoop.api.making import settings
     from needlehoop.envs.torchrl_env import TorchRLEnv
 
-    more = {"num_envs": num_envs, "seed": seed, "conf_dir": conf_dir}
-    more |= {"task": task, "task_dir": task_dir}
-    return TorchRLEnv(settings(cams, reward, overrides, **more))
+    more = {"num_envs": num_envs, "conf_dir": conf_dir, "task": task, "task_dir": task_dir}
+    return TorchRLEnv(settings(cams, reward, overrides, seed=seed, **more))
 
 
 def load(
@@ -74,8 +73,8 @@ def load(
     from needlehoop.api.making import settings
     from needlehoop.envs import dm_control_env as interface
 
-    more = {"seed": seed, "conf_dir": conf_dir, "task": task, "task_dir": task_dir}
-    return interface.load(settings(cams, reward, overrides, **more))
+    more = {"conf_dir": conf_dir, "task": task, "task_dir": task_dir}
+    return interface.load(settings(cams, reward, overrides, seed=seed, **more))
 
 
 def make_sb3(
@@ -92,9 +91,8 @@ def make_sb3(
     from needlehoop.api.making import settings
     from needlehoop.gym.stable_baselines import StableBaselinesVecEnv
 
-    more = {"num_envs": num_envs, "seed": seed, "conf_dir": conf_dir}
-    more |= {"task": task, "task_dir": task_dir}
-    return StableBaselinesVecEnv(settings(cams, reward, overrides, **more))
+    more = {"num_envs": num_envs, "conf_dir": conf_dir, "task": task, "task_dir": task_dir}
+    return StableBaselinesVecEnv(settings(cams, reward, overrides, seed=seed, **more))
 
 
 def make_env_of(
@@ -121,8 +119,7 @@ def make_env_of(
     from needlehoop.envs.torchrl_env import TorchRLEnv
     from needlehoop.runs.shipped import AGENT
 
-    chosen = AGENT if run is None else run
-    return TorchRLEnv(settings_of(chosen, num_envs, seed, trust, overrides))
+    return TorchRLEnv(settings_of(run or AGENT, num_envs, seed, trust, overrides))
 
 
 def load_policy(
@@ -142,7 +139,7 @@ def load_policy(
     from needlehoop.learning.policy import Policy
     from needlehoop.runs.shipped import AGENT
 
-    return Policy(*actor_in(AGENT if run is None else run, device, policy))
+    return Policy(*actor_in(run or AGENT, device, policy))
 
 
 def __getattr__(name: str) -> ModuleType:

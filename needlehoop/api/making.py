@@ -23,40 +23,32 @@ from needlehoop.runs.run import Run
 def settings(
     cams: str | Iterable[str],
     reward: str | Callable[..., Any],
-    overrides: str | Iterable[str],
+    overrides: Iterable[str],
     **more: Any,
 ) -> Settings:
     """Settings from the arguments of ``needlehoop.make_env``; errors as there.
 
     ``cams`` may be a text that joins them by ``,`` or, as in tables, by ``+``.
     """
-    cams = cams if isinstance(cams, str) else ",".join(map(str, cams))
+    cams = cams if isinstance(cams, str) else ",".join(cams)
     option = None if callable(reward) else reward
     named = {"cams": f"[{cams.replace('+', ',')}]", "reward": option, **more}
     words = [f"{key}={value}" for key, value in named.items() if value is not None]
-    found = compose_settings([*words, *_listed(overrides)])
+    found = compose_settings([*words, *overrides])
     return replace(found, reward=rewards.given(reward)) if callable(reward) else found
 
 
 def settings_of(
-    run: str | Path,
-    num_envs: int,
-    seed: int | None,
-    trust: bool = False,
-    overrides: str | Iterable[str] = (),
+    run: str | Path, num_envs: int, seed: int | None, trust: bool, overrides: Iterable[str]
 ) -> Settings:
     """The settings of a run's environment; arguments and errors as in ``make_env_of``."""
-    job, _ = flown_job(Run.open(Path(run)).config(), _listed(overrides), trust)
+    job, _ = flown_job(Run.open(Path(run)).config(), overrides, trust)
     chosen = job.evaluation.final_seed if seed is None else seed
     return replace(
         job.env,
         num_envs=strict.structure(num_envs, Count, "num_envs"),
         seed=strict.structure(chosen, Seed, "seed"),
     )
-
-
-def _listed(overrides: str | Iterable[str]) -> list[str]:
-    return [overrides] if isinstance(overrides, str) else list(overrides)
 
 
 def actor_in(
@@ -69,16 +61,16 @@ def actor_in(
     default.
     """
     where, chosen = Path(run), pick_device(device)
+    other = {} if precision is None else {"precision": precision}
     weights, origin = where, str(where)
     if where.is_dir():
-        which, steps = which_policy(Run(where), policy)
+        opened = Run(where)
+        which, steps = which_policy(opened, policy)
         weights, origin = where / POLICIES[which], f"{told_policy(which, steps)}, of {where}"
+        if not weights.exists():
+            job = replace(checked_job(opened.config()), **other)
+            return job.spec, load_agent(opened, job, chosen).actor, origin
     elif policy is not None:
         raise ValueError(f"policy: {where} is a policy already; choose one of a run's folder")
-    other = {} if precision is None else {"precision": precision}
-    if where.is_dir() and not weights.exists():
-        opened = Run.open(where)
-        job = replace(checked_job(opened.config()), **other)
-        return job.spec, load_agent(opened, job, chosen).actor, origin
     spec = replace(read_spec(weights), **other)
     return spec, read_actor(weights, spec, chosen), origin

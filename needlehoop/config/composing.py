@@ -88,15 +88,12 @@ def _explain(text: str, config: str) -> str:
         valid = GlobalHydra.instance().config_loader().get_group_options(option[1])
         return f"{line} Available options in {option[1]!r}: {' '.join(valid)}"
     found = re.search(r"Could not override '([^']+)'", text)
-    here: Any = hydra_compose(config) if found else None
-    known: list[str] = []
-    for key in found[1].split(".") if found else ():
-        if not isinstance(here, DictConfig):
-            break
-        if key not in here:
-            where = ".".join(known) or "the top level"
+    if not found:
+        return line
+    here: Any = hydra_compose(config)
+    for key in found[1].split("."):
+        if isinstance(here, DictConfig) and key not in here:
             valid = ", ".join(sorted({*map(str, here)} - {options.CAMERAS}))
-            return f"{found[1]}: unknown key {key!r} in {where}; choose from {valid}"
-        known.append(key)
-        here = here[key]
+            return f"{found[1]}: unknown key {key!r}; choose from {valid}"
+        here = here[key] if isinstance(here, DictConfig) else None
     return line

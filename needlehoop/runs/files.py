@@ -43,11 +43,6 @@ _LONGEST_LABEL = 90
 """Bytes, at most."""
 
 
-def listed(names: str | Iterable[Any]) -> list[str]:
-    """Names that are given as a list, or as one text with commas between them."""
-    return [str(name) for name in (names.split(",") if isinstance(names, str) else names)]
-
-
 def seen(cams: Iterable[str], signals: bool = False) -> str:
     """The part of a run's path that names what its agent sees: ``dep_front+seg_side``."""
     return "+".join((*cams, *([SIGNALS] if signals else [])))

@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -111,12 +111,11 @@ def held(folder: Path) -> Iterator[None]:
     """A context in which no other process holds a folder.
 
     The lock is the file ``.<name>.lock`` beside the folder, because a run's folder is moved and
-    replaced. The kernel releases it when the process ends, however it ends. Folders above that
-    are made here and stay empty are removed. Raises ``HeldError`` if another process holds it.
+    replaced. The kernel releases it when the process ends, however it ends. Raises ``HeldError`` if
+    another process holds it.
     """
     place = folder.resolve()
     path = place.with_name(f".{place.name}.lock")
-    made = [above for above in place.parents if not above.exists()]
     place.parent.mkdir(parents=True, exist_ok=True)
     lock = FileLock(path)
     try:
@@ -131,6 +130,3 @@ def held(folder: Path) -> Iterator[None]:
         # While it is locked. A process that has opened the file before sees that it is gone.
         path.unlink(missing_ok=True)
         lock.release()
-        with suppress(OSError):
-            for above in made:
-                above.rmdir()

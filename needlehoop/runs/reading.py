@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -46,23 +46,21 @@ def read_text(path: Path) -> str:
 
 def read_json(path: Path) -> dict[str, Any]:
     """A JSON object; ``UnreadableError`` as in ``read_text``, or if it is something else."""
-    text = read_text(path)
-    try:
-        return _keys(json.loads(text))
-    except json.JSONDecodeError as error:
-        raise UnreadableError("is no JSON, or cut off") from error
+    return _read(path, json.loads, "JSON")
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
     """A YAML mapping; ``UnreadableError`` as in ``read_text``, or if it is something else."""
+    return _read(path, lambda text: yaml.load(text, _LOADER), "YAML")
+
+
+def _read(path: Path, parse: Callable[[str], Any], kind: str) -> dict[str, Any]:
+    text = read_text(path)
     try:
-        return _keys(yaml.load(read_text(path), _LOADER))
-    except yaml.YAMLError as error:
-        raise UnreadableError("is no YAML, or cut off") from error
-
-
-def _keys(found: Any) -> dict[str, Any]:
-    if not isinstance(found, dict) or not all(isinstance(key, str) for key in found):
+        found = parse(text)
+    except (json.JSONDecodeError, yaml.YAMLError) as error:
+        raise UnreadableError(f"is no {kind}, or cut off") from error
+    if not isinstance(found, dict):
         raise UnreadableError("holds no keys")
     return found
 

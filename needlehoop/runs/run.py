@@ -167,8 +167,8 @@ class Run:
         The rows after it are made again. They stay until then, because a run that is refused
         keeps what it has. Raises ``ValueError`` where a table has lost rows since.
         """
-        self._sizes = checkpoint["tables"] if checkpoint else {}
-        for name, size in self._sizes.items():
+        self._sizes = sizes = checkpoint["tables"] if checkpoint else {}
+        for name, size in sizes.items():
             if self._size(name) < size:
                 raise ValueError(f"{self.folder / name} has lost rows since {CHECKPOINT}")
 

@@ -112,8 +112,6 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
     ask_where_missing(values, job.env)
     reward = rewards.with_source(values["reward"])
     job = replace(job, env=replace(job.env, reward=rewards.with_function(reward)))
-    # One camera may be given as a word; what is kept is always a list.
-    values = {**values, "reward": reward, "cams": list(job.env.cams)}
     folder = Path(job.results) / job.place
     if asked.existing == "resume" and (folder / CONFIG).exists() and not asked.overwrite:
         run = Run.open(folder)
@@ -127,7 +125,9 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
         # A warning, no refusal: programs of others are tried as they are.
         print(f"reward: the gates on this program: {'; '.join(against)}", file=sys.stderr)
     with held(folder):
-        run = Run.create(folder, values, rewards.text(loaded), asked.overwrite)
+        run = Run.create(
+            folder, {**values, "reward": reward}, rewards.text(loaded), asked.overwrite
+        )
         try:
             # Not sys.argv: a sweep's is that of all its runs, and a launcher's process has another.
             words = [*command.removeprefix("python ").split(), *overrides]

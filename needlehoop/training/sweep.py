@@ -20,7 +20,6 @@ from needlehoop.config import composing
 from needlehoop.runs.files import (
     OUTCOME,
     labelled,
-    listed,
     name_of,
     seen,
     taught_by,
@@ -112,7 +111,7 @@ def camera_sets(experiment: str) -> list[str]:
     params = composing.swept([f"+experiment={experiment}"])
     (one,) = OverridesParser.create().parse_overrides([f"cams={params.get('cams', '[]')}"])
     values: list[Any] = [*one.sweep_iterator()] if one.is_sweep_override() else [one.value()]
-    return sorted({seen(listed(value)) for value in values})
+    return sorted({seen([value] if isinstance(value, str) else value) for value in values})
 
 
 def identity(values: Mapping[str, Any], overrides: list[str]) -> dict[str, Any]:
@@ -120,7 +119,7 @@ def identity(values: Mapping[str, Any], overrides: list[str]) -> dict[str, Any]:
     return {
         "run": " ".join(overrides),
         "study": values["study"],
-        "cameras": seen(listed(values["cams"]), values["obs"]["signals"] is True),
+        "cameras": seen(values["cams"], values["obs"]["signals"] is True),
         "reward": labelled(taught_by(values), values["label"]),
         "seed": values["seed"],
     }
@@ -162,24 +161,28 @@ def attempt(run: Callable[[], tuple[str, float]], folder: Path, note: Mapping[st
     ``run`` returns how it ended in a word, such as ``done``, and its objective, which is NaN where
     the run failed or is not done. Raises ``KeyboardInterrupt`` where somebody stopped the run.
     """
-    write_whole(folder / OUTCOME, json.dumps({**note, "outcome": UNDER_WAY}, indent=2) + "\n")
-    objective = math.nan
+
+    def say(**end: str) -> None:
+        write_whole(folder / OUTCOME, json.dumps({**note, **end}, indent=2) + "\n")
+
+    say(outcome=UNDER_WAY)
     try:
         outcome, objective = run()
-        end = {"outcome": outcome}
     except HeldError as error:
         # Another sweep may be at work on the same study.
         print(error, file=sys.stderr)
-        end = {"outcome": HELD}
+        say(outcome=HELD)
+        return math.nan
     except Exception as error:
         # Any error: the next run may do better, and the summary names this one.
         log = folder / "error.log"
         write_whole(log, traceback.format_exc())
         said = f"{type(error).__name__}: {' '.join(str(error).split())}"
         print(printable(f"{note['run']}: {said} ({log})"), file=sys.stderr)
-        end = {"outcome": FAILED, "error": said}
-    write_whole(folder / OUTCOME, json.dumps({**note, **end}, indent=2) + "\n")
-    if end["outcome"] == STOPPED:
+        say(outcome=FAILED, error=said)
+        return math.nan
+    say(outcome=outcome)
+    if outcome == STOPPED:
         raise KeyboardInterrupt
     return objective
 
