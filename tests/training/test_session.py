@@ -1,7 +1,8 @@
-"""Going on with runs: nobody else at work in them, nothing damaged, nothing of another run."""
+"""Going on with runs: nobody else at work in them, nothing half-made, nothing of another run."""
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,10 +11,29 @@ from typing import Any
 import pytest
 import torch
 import yaml
-from tiny_runs import PLACE, TINY, composed, outcome, run_composed, run_train
+from tiny_runs import PLACE, TINY, composed, outcome, run_composed
 
-from needlehoop.runs import run as run_files
 from needlehoop.runs.machine import HeldError, held
+
+
+class KilledError(BaseException):
+    """The process is no more: nobody handles this."""
+
+
+def train_until(write: int, values: dict[str, Any]) -> None:
+    """Train, and be killed instead of writing a file for the ``write``-th time."""
+    real, written = os.fsync, []
+
+    def counted(file: int) -> None:
+        if len(written) == write:
+            raise KilledError
+        written.append(file)
+        real(file)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", counted)
+        with pytest.raises(KilledError):
+            run_composed(values)
 
 
 @pytest.fixture(scope="module")
@@ -26,18 +46,7 @@ def whole(tiny_run) -> dict[str, Any]:
 def killed(tmp_path_factory) -> Path:
     """The results of a run that ended in its third buffer."""
     results = tmp_path_factory.mktemp("killed")
-    real, saved = run_files.write_checkpoint, []
-
-    def save(path: Path, checkpoint: Any) -> None:
-        if len(saved) == 2:
-            raise KeyboardInterrupt
-        real(path, checkpoint)
-        saved.append(path)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run_files, "write_checkpoint", save)
-        with pytest.raises(KeyboardInterrupt):
-            run_composed(composed(*TINY, f"results={results}"))
+    train_until(13, composed(*TINY, f"results={results}"))
     return results
 
 
@@ -55,9 +64,15 @@ def kept(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_a_killed_run_goes_on_to_the_same_bits(folder, whole):
-    run_train(f"resume={folder}")
+# The first file, the first two checkpoints, the third, the last note.
+@pytest.mark.parametrize("write", [0, 5, 10, 13, 17])
+def test_a_run_killed_while_it_writes_goes_on_to_the_same_bits(write, whole, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    values, folder = composed(*TINY, "existing=resume"), Path("results") / PLACE
+    train_until(write, values)
+    run_composed(composed(f"resume={folder}") if folder.exists() else values)
     assert outcome(folder) == whole
+    assert [path.name for path in folder.parent.iterdir()] == ["seed0"]
 
 
 def test_a_run_under_way_is_left_alone(folder):
@@ -71,13 +86,18 @@ def test_a_run_under_way_is_left_alone(folder):
             with pytest.raises(HeldError, match="a run is training there"):
                 run_composed(composed(*words))
     assert kept(folder) == before
-    assert [path.name for path in folder.parent.iterdir()] == ["seed0"]
 
 
-def test_a_run_goes_on_with_other_threads_and_not_with_other_pixels(folder):
+def test_a_run_with_other_settings_is_not_taken_for_the_same(folder):
     run_composed(composed(*TINY, "existing=resume", "engine.threads=2"))
-    with pytest.raises(ValueError, match=r"exists with another engine\.renderer;"):
-        run_composed(composed(*TINY, "existing=resume", "engine.renderer=tracer"))
+    for words, said in (
+        (["existing=resume", "engine.renderer=tracer"], r"exists with another engine\.renderer;"),
+        (["existing=resume", "steps=128", "algo.gamma=0.5"], "exists with another algo, steps;"),
+        ([], "exists; go on with"),
+        (["existing=skip"], "existing: 'skip' is unknown; choose from auto, stop, resume"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            run_composed(composed(*TINY, *words))
 
 
 def test_views_that_no_camera_of_the_run_uses_do_not_count(tmp_path, monkeypatch):

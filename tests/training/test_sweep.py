@@ -7,13 +7,12 @@ import math
 import os
 import subprocess
 import sys
-from functools import cache
 from itertools import product
 from pathlib import Path
 
 import pytest
 import yaml
-from tiny_runs import PLACE, composed, outcome, run_composed, run_train
+from tiny_runs import PLACE, composed, outcome, refusal, run_composed, run_train
 from tiny_runs import TINY as SMALL
 
 from needlehoop.cli.main import main
@@ -31,6 +30,55 @@ TINY = [*SMALL, "steps=8", "evaluation.every=0", "results=results"]
 
 def finished(seed: int) -> dict:
     return json.loads(Path(f"results/main/signals/sparse/seed{seed}/manifest.json").read_text())
+
+
+@pytest.fixture
+def started(monkeypatch, tmp_path) -> list[str]:
+    """The runs that were started, which do nothing, in a folder of their own."""
+    monkeypatch.chdir(tmp_path)
+    runs: list[str] = []
+    monkeypatch.setattr(sweep, "attempt", lambda run, folder, note: runs.append(note["run"]))
+    return runs
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["cams=[rgb_top],[seg_side]"], "cams/rgb_top.*dep_default dep_ecm_left"),
+        (
+            ["cams=[seg_side],[dep_front]", "algo.minibatch=64,0"],
+            "algo.minibatch: 0 must be at least 1",
+        ),
+        (["cams=[seg_side],[dep_front]", "reward=human,nope"], "reward/nope.*human python sparse"),
+        # Of the paper's 14 combinations, 3 have a program in its recording.
+        (
+            ["+experiment=table2", "reward=vlm_img", "study=s"],
+            r"make one with: needlehoop vlm reward 'cams=\[rgb_default\]' flavour=image study=s",
+        ),
+    ],
+)
+def test_a_mistake_in_one_run_stops_all(started, tmp_path, words, said):
+    with pytest.raises(SystemExit, match=f"nothing was started: .*{said}") as caught:
+        run_train("-m", *words)
+    assert "\n" not in str(caught.value.code)
+    assert started == list(tmp_path.iterdir()) == []
+
+
+def test_an_experiment_is_a_sweep_without_being_told(started, capfd):
+    """Down to the first run, which is in the way of all others."""
+    with pytest.raises(SystemExit):
+        run_train("+experiment=segdep", "seed=3", *TINY[2:], "obs=images")
+    assert len(started) == 4
+    assert "4 runs, 4 failed" in capfd.readouterr().out
+
+
+def test_every_run_of_an_experiment_is_another_and_composes():
+    for name, count in (("table2", 14), ("rewards", 12), ("segdep", 4)):
+        params = composing.swept([f"+experiment={name}"])
+        runs = sweep.combinations(f"{key}={value}" for key, value in params.items())
+        jobs = [typed_job(composing.compose(words, "config")) for words in runs]
+        assert len({(job.env.cams, job.reward_name) for job in jobs}) == count
+        assert {"+".join(job.env.cams) for job in jobs} == {*sweep.camera_sets(name)}
 
 
 def test_a_failed_run_stops_no_other_and_the_same_command_does_the_rest(
@@ -56,40 +104,22 @@ def test_a_failed_run_stops_no_other_and_the_same_command_does_the_rest(
     run_train(*words)
     assert "3 runs, 0 failed, 2 done before" in capfd.readouterr().out
     assert finished(1)["finished"]
-    for seed, when in began.items():
-        assert finished(seed)["started"] == when
-
-
-def test_a_run_with_other_settings_is_not_taken_for_the_same(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    run_composed(composed(*TINY))
-    run_composed(composed(*TINY, "existing=resume", "engine.threads=2"))
-    for words, said in (
-        (
-            ["existing=resume", "steps=128", "algo.gamma=0.5"],
-            "exists with another algo, steps; choose another label= or",
-        ),
-        ([], "exists; go on with"),
-        (["existing=skip"], "existing: 'skip' is unknown; choose from auto, stop, resume"),
-    ):
-        with pytest.raises(ValueError, match=said):
-            run_composed(composed(*TINY, *words))
+    assert {seed: finished(seed)["started"] for seed in (0, 2)} == began
 
 
 def test_a_run_that_stopped_before_its_first_checkpoint_begins_again(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    values = composed(*TINY, "existing=resume")
+    values = composed(*TINY)
     run_composed(values)
     folder = Path("results/main/signals/sparse/seed0")
-    (folder / "checkpoint.pt").unlink()
-    manifest = {**finished(0), "finished": False, "started": "long ago"}
-    # Noted with the first checkpoint.
-    del manifest["steps"]
-    (folder / "manifest.json").write_text(json.dumps(manifest))
-    run_composed(values)
-    again = finished(0)
-    assert again["finished"]
-    assert again["started"] != "long ago"
+    # Steps are noted with the first checkpoint.
+    manifest = {**finished(0), "finished": False, "started": "long ago", "steps": 0}
+    for more in ({"existing": "resume"}, {"resume": str(folder)}):
+        (folder / "checkpoint.pt").unlink()
+        (folder / "manifest.json").write_text(json.dumps(manifest))
+        run_composed({**values, **more})
+        assert finished(0)["finished"]
+        assert finished(0)["started"] != "long ago"
 
 
 def test_runs_of_a_sweep_that_differ_have_folders_of_their_own(tmp_path, monkeypatch, capfd):
@@ -106,16 +136,8 @@ def test_runs_of_a_sweep_that_differ_have_folders_of_their_own(tmp_path, monkeyp
     for place, (rate, task) in places.items():
         own = compose_settings([f"task={task}"]).task.needle_yaw_range
         config = found[place].config
-        assert (str(config["algo"]["learning_rate"]), config["label"]) == (
-            rate,
-            f"algo.learning_rate-{rate}+task-{task}",
-        )
+        assert str(config["algo"]["learning_rate"]) == rate
         assert config["task"]["needle_yaw_range"] == own
-    assert main(["plot", "results/main"]) == 0
-    capfd.readouterr()
-    table = Path("results/main/tables/results.csv").read_text()
-    assert "algo.learning_rate-0.0001+task-near" in table
-    assert table.count("algo.learning_rate-0.0003") == 2
     # What they are called by does not depend on the order of the words.
     run_train("-m", *TINY, *reversed(words[-2:]))
     assert "4 runs, 0 failed, 4 done before" in capfd.readouterr().out
@@ -125,17 +147,12 @@ def test_runs_of_a_sweep_that_differ_have_folders_of_their_own(tmp_path, monkeyp
     ("words", "params", "own", "label"),
     [
         ("cams=[a],[b] seed=0,1 study=x,y", {}, "cams=[a] seed=0 study=x", None),
-        ("reward=human,sparse", {}, "reward=sparse", None),
         ("obs=images,signals", {}, "obs=signals", None),
+        ("reward=human,sparse", {}, "reward=sparse", None),
         ("reward=mine,sparse", {}, "reward=mine", "reward-mine"),
         ("label=mine steps=64,128", {}, "label=mine steps=64", "mine+steps-64"),
         ("seed=0", {"image_size": "32,64"}, "image_size=32 seed=0", "image_size-32"),
-        (
-            "views.front.target=[0,0],[0,1]",
-            {},
-            "views.front.target=[0,1]",
-            "views.front.target-_0_1",
-        ),
+        ("views.a.target=[0,0],[0,1]", {}, "views.a.target=[0,1]", "views.a.target-_0_1"),
     ],
 )
 def test_a_label_says_what_the_path_does_not(words, params, own, label):
@@ -144,42 +161,13 @@ def test_a_label_says_what_the_path_does_not(words, params, own, label):
     assert sweep.label_of(values, words.split(), params, own.split()) == label
 
 
-@cache
-def swept(experiment: str) -> list[tuple[tuple[str, ...], str]]:
-    """Cameras and reward of each run of an experiment."""
-    values = yaml.safe_load((composing.CONF / "experiment" / f"{experiment}.yaml").read_text())
-    params = values["hydra"]["sweeper"]["params"]
-    runs = []
-    cams = [text.strip(" []").split(",") for text in params["cams"].split("],")]
-    for chosen, reward in product(cams, params.get("reward", "human").split(",")):
-        runs.append((tuple(name.strip() for name in chosen), reward))
-    return runs
-
-
-def test_every_run_of_an_experiment_is_another_and_composes():
-    runs = {name: swept(name) for name in ("table2", "rewards", "segdep")}
-    assert [len(own) for own in runs.values()] == [14, 12, 4]
-    assert all(len(set(own)) == len(own) for own in runs.values())
-    for cams, reward in {run for own in runs.values() for run in own}:
-        words = [f"cams=[{','.join(cams)}]", f"reward={reward}"]
-        job = typed_job(composing.compose(words, "config"))
-        assert (job.env.cams, job.reward_name) == (cams, reward)
-
-
-def test_an_experiment_s_camera_sets_can_be_asked_about():
-    own = ["+".join(cams) for cams, _ in swept("table2")]
-    assert sweep.camera_sets("table2") == sorted(own)
-
-
-def test_an_experiment_is_a_sweep_without_being_told(tmp_path, monkeypatch, capfd):
-    """Down to the first run, which is in the way of all others."""
-    monkeypatch.chdir(tmp_path)
-    started: list[str] = []
-    monkeypatch.setattr(sweep, "attempt", lambda run, folder, note: started.append(note["run"]))
-    with pytest.raises(SystemExit):
-        run_train("+experiment=segdep", "seed=3", *TINY[2:], "obs=images")
-    assert len(started) == 4
-    assert "4 runs, 4 failed" in capfd.readouterr().out
+def test_a_job_says_which_run_it_is_as_the_study_reads_it():
+    values = composing.compose(
+        ["cams=dep_front", "obs=signals", "reward=sparse", "seed=3"], "config"
+    )
+    note = sweep.identity(values, ["seed=3"])
+    place = f"{note['study']}/{note['cameras']}/{note['reward']}/seed{note['seed']}"
+    assert place == typed_job(values).place == "main/dep_front+signals/sparse/seed3"
 
 
 def test_a_stopped_run_is_noted_and_stops_the_sweep(tmp_path):
@@ -199,15 +187,6 @@ def test_a_stopped_run_is_noted_and_stops_the_sweep(tmp_path):
     ]
 
 
-def test_a_job_says_which_run_it_is_as_the_study_reads_it():
-    values = composing.compose(
-        ["cams=dep_front", "obs=signals", "reward=sparse", "seed=3"], "config"
-    )
-    note = sweep.identity(values, ["seed=3"])
-    place = f"{note['study']}/{note['cameras']}/{note['reward']}/seed{note['seed']}"
-    assert place == typed_job(values).place == "main/dep_front+signals/sparse/seed3"
-
-
 @pytest.mark.parametrize(
     ("launcher", "expected"),
     [
@@ -223,42 +202,36 @@ def test_threads_are_divided_among_jobs(launcher, expected, monkeypatch):
     assert sweep.threads(launcher) == expected
 
 
+def started_as(words: list[str], folder: Path) -> subprocess.Popen[str]:
+    """``python train.py`` in a process of its own."""
+    # Ray makes its workers yield to everything else; on a busy machine they would starve.
+    surroundings = {**os.environ, "RAY_worker_niceness": "0", "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, str(ROOT / "train.py"), *words]
+    return subprocess.Popen(
+        command, cwd=folder, env=surroundings, stdout=subprocess.PIPE, text=True
+    )
+
+
+RAY = ("hydra/launcher=ray", "+hydra.launcher.ray.init.num_cpus=2")
+RAY += ("+hydra.launcher.ray.remote.num_cpus=1", "+hydra.launcher.ray.init.include_dashboard=false")
+
+
 @pytest.mark.parametrize(
     "launcher",
     [
-        pytest.param(["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"], id="joblib"),
+        pytest.param(("hydra/launcher=joblib", "hydra.launcher.n_jobs=2"), id="joblib"),
         pytest.param(
-            ["hydra/launcher=submitit_local", "hydra.launcher.cpus_per_task=1"],
-            id="submitit",
-            marks=pytest.mark.full,
+            ("hydra/launcher=submitit_local", "hydra.launcher.cpus_per_task=1"), id="submitit"
         ),
-        pytest.param(
-            [
-                "hydra/launcher=ray",
-                "+hydra.launcher.ray.init.num_cpus=2",
-                "+hydra.launcher.ray.remote.num_cpus=1",
-                "+hydra.launcher.ray.init.include_dashboard=false",
-            ],
-            id="ray",
-            marks=pytest.mark.full,
-        ),
+        pytest.param(RAY, id="ray"),
     ],
 )
 @pytest.mark.full
 def test_a_launcher_runs_a_sweep(tmp_path, launcher):
-    words = ["-m", "seed=0,1", *TINY, "engine.threads=0", *launcher]
-    # Ray makes its workers yield to everything else; on a busy machine they would starve.
-    surroundings = {**os.environ, "RAY_worker_niceness": "0", "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [sys.executable, ROOT / "train.py", *words],
-        cwd=tmp_path,
-        env=surroundings,
-        capture_output=True,
-        text=True,
-        timeout=280,
-    )
-    assert done.returncode == 0, done.stderr[-3000:]
-    assert "2 runs, 0 failed" in done.stdout
+    process = started_as(["-m", "seed=0,1", *TINY, "engine.threads=0", *launcher], tmp_path)
+    said, _ = process.communicate(timeout=280)
+    assert process.returncode == 0
+    assert "2 runs, 0 failed" in said
     for seed in (0, 1):
         folder = tmp_path / f"results/main/signals/sparse/seed{seed}"
         assert json.loads((folder / "manifest.json").read_text())["finished"]
@@ -268,12 +241,37 @@ def test_a_launcher_runs_a_sweep(tmp_path, launcher):
 @pytest.mark.full
 def test_two_sweeps_at_once_make_each_run_once(tmp_path):
     words = ["-m", *SMALL, "results=results", "seed=0,1,2", "steps=48"]
-    command = [sys.executable, str(ROOT / "train.py"), *words]
-    how = {"cwd": tmp_path, "text": True, "env": {**os.environ, "PYTHONPATH": str(ROOT)}}
-    both = [subprocess.Popen(command, stdout=subprocess.PIPE, **how) for _ in range(2)]
+    both = [started_as(words, tmp_path) for _ in range(2)]
     said = [process.communicate(timeout=300)[0] for process in both]
     assert all("3 runs, 0 failed" in one for one in said), said
     for seed in range(3):
         rows = outcome(tmp_path / "results" / PLACE.replace("seed0", f"seed{seed}"))["metrics"]
         assert [row["update"] for row in rows] == [str(n) for n in range(1, 7)]
     assert not list((tmp_path / "results" / "main").rglob("*.partial"))
+
+
+def test_a_search_finds_the_trial_with_the_highest_objective(tmp_path):
+    """By Optuna's sweeper for Hydra; two trials, each in a study of its own."""
+    pytest.importorskip("hydra_plugins.hydra_optuna_sweeper")
+    words = ["-m", "hydra/sweeper=optuna", "hydra.sweeper.n_trials=2"]
+    words += ["hydra.sweeper.sampler.seed=0", "algo.learning_rate=interval(1e-4,1e-3)"]
+    words += ["objective=return_human", "study=trial${hydra:job.num}"]
+    process = started_as([*TINY, *words], tmp_path)
+    said, _ = process.communicate(timeout=280)
+    assert process.returncode == 0
+    (found,) = (tmp_path / "results").glob(".sweeps/*/optimization_results.yaml")
+    trials = {}
+    for folder in (tmp_path / "results").glob("trial*/signals/*/seed0"):
+        rate = yaml.safe_load((folder / "config.yaml").read_text())["algo"]["learning_rate"]
+        trials[rate] = json.loads((folder / "evaluation.json").read_text())["return_human"]
+    assert len(trials) == 2
+    best = yaml.safe_load(found.read_text())
+    assert best["best_value"] == max(trials.values())
+    assert trials[best["best_params"]["algo.learning_rate"]] == best["best_value"]
+    assert "best_params" in said
+
+
+def test_an_objective_is_a_number_of_evaluations():
+    assert "objective: 'sucess' is unknown; choose from success, " in refusal(
+        *TINY, "objective=sucess"
+    )
