@@ -46,18 +46,9 @@ def changed(
     ``episode.grasp``. Raises ``ValueError`` for an unknown key or option, or a key that may not be
     changed.
     """
-    given = list(words)
+    given, before = list(words), deepcopy(dict(recorded))
     tops = {_top(word) for word in given} - {"conf_dir"}
-    valid = {"views", "renderings", *_keys("env")} - _NO_CONDITIONS
-    for top in sorted(tops - valid):
-        if top in _SEEN:
-            raise ValueError(
-                f"{top}: the agent's networks take what the run sees, {shown(recorded.get(top))},"
-                f" and nothing else; choose from {', '.join(sorted(valid))}"
-            )
-        known = {*(_keys(command) if command else []), *valid}
-        raise ValueError(f"{top}: unknown key; choose from {', '.join(sorted(known))}")
-    before = deepcopy(dict(recorded))
+    _check(tops, recorded, command)
     if not tops:
         return before, {}
     if newer := tops - {*recorded}:
@@ -93,6 +84,19 @@ def changed(
         for key, value in new
         if not key.startswith(_NO_EFFECT) and (key not in old or old[key] != value)
     }
+
+
+def _check(tops: set[str], recorded: Mapping[str, Any], command: str | None) -> None:
+    """Raises ``ValueError`` for the first part of a key that may not be changed."""
+    valid = {"views", "renderings", *_keys("env")} - _NO_CONDITIONS
+    for top in sorted(tops - valid):
+        if top in _SEEN:
+            raise ValueError(
+                f"{top}: the agent's networks take what the run sees, {shown(recorded.get(top))},"
+                f" and nothing else; choose from {', '.join(sorted(valid))}"
+            )
+        known = {*(_keys(command) if command else []), *valid}
+        raise ValueError(f"{top}: unknown key; choose from {', '.join(sorted(known))}")
 
 
 def _set(values: dict[str, Any], word: str) -> None:

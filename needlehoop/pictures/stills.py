@@ -68,13 +68,11 @@ def scaled(image: np.ndarray, rendering: Rendering, size: int, raw: bool = True)
 
 
 def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
-    """Every view x rendering, at the start and at the goal, in tiles of ``size`` px, 16 or more.
+    """Every view x rendering, at the start and at the goal, in tiles of ``size`` px.
 
     ``raw`` shows the agent's own ``image_size`` pixels instead of a smooth picture. Errors are as
     in ``stages``.
     """
-    if size < 16:
-        raise ValueError(f"size: {size} must be at least 16")
     own = settings.image_size
     pixels = own if raw else scaled_to(own, size * _OVERSAMPLING)
     s = replace(settings, cams=_cameras(settings), image_size=pixels, quality=1 if raw else 2)
