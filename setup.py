@@ -1,14 +1,11 @@
 """What pyproject.toml cannot say: a wheel carries ``conf/`` and the runs of the shipped agents."""
 
+from runpy import run_path
+
 from setuptools import find_packages, setup
 
-PLACES = {
-    "needlehoop.conf": "conf",
-    "needlehoop.agent": "results/agents/dep_front+seg_side/human/seed0",
-    "needlehoop.agent_reach": "results/reach/dep_front+seg_side/expert/seed0",
-    "needlehoop.agent_peg_transfer": "results/peg_transfer/dep_front+seg_side/expert/seed0",
-    "needlehoop.agent_handover": "results/handover/rgb_front+rgb_side/expert/seed0",
-}
+AGENTS = run_path("needlehoop/runs/shipped.py")["AGENTS"]
+PLACES = {"needlehoop.conf": "conf"} | {f"needlehoop.{name}": run for name, run in AGENTS.items()}
 
 setup(
     packages=[*find_packages(include=["needlehoop", "needlehoop.*"]), *PLACES],

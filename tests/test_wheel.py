@@ -12,15 +12,9 @@ from pathlib import Path
 import pytest
 
 from needlehoop.runs.files import POLICY
+from needlehoop.runs.shipped import AGENTS
 
 ROOT = Path(__file__).parent.parent
-AGENTS = {
-    "agent": "results/agents/dep_front+seg_side/human/seed0",
-    "agent_reach": "results/reach/dep_front+seg_side/expert/seed0",
-    "agent_peg_transfer": "results/peg_transfer/dep_front+seg_side/expert/seed0",
-    "agent_handover": "results/handover/rgb_front+rgb_side/expert/seed0",
-}
-
 SCRIPT = """
 import contextlib, io, json, sys
 import needlehoop
