@@ -26,7 +26,6 @@ from needlehoop.study.stats.statistics import (
     ENOUGH,
     Estimated,
     Interval,
-    chance_above,
     share,
 )
 
@@ -72,8 +71,13 @@ def beating(first: Sequence[float], second: Sequence[float]) -> dict[str, str]:
 
     The test is two-sided: it takes every way to share all runs out between the two.
     """
-    apart = permutation_test((first, second), chance_above, n_resamples=int(1e6))
+    apart = permutation_test((first, second), _chance_above, n_resamples=int(1e6))
     return {CHANCE: written(float(apart.statistic)), EXACT: p_value(float(apart.pvalue))}
+
+
+def _chance_above(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Share of pairs in which a run of ``a`` ``(..., n)`` beats one of ``b`` ``(..., m)``."""
+    return (np.sign(a[..., :, None] - b[..., None, :]) / 2 + 0.5).mean(axis=(-2, -1))
 
 
 def sets_table(runs: pd.DataFrame, done: str = "threaded") -> pd.DataFrame:

@@ -20,7 +20,7 @@ from needlehoop.study.report.tables import (
 )
 from needlehoop.study.stats.findings import StudyFindings, study_findings
 from needlehoop.study.stats.run import BEST, SUCCESS_OVER_TRAINING
-from needlehoop.study.stats.statistics import OVER_EPISODES, Estimated, Interval
+from needlehoop.study.stats.statistics import Estimated, Interval
 
 PROBE = (
     "place,cameras,score\n1,rgb_front+dep_side,0.8\n2 to 3,rgb_front+rgb_side,0.7\n"
@@ -38,7 +38,7 @@ def findings(tmp_path_factory) -> StudyFindings:
 
 
 def test_numbers_become_text():
-    whole = Interval(0.1, 0.25, OVER_EPISODES)
+    whole = Interval(0.1, 0.25, over_episodes=True)
     for cell, text in (
         (None, ""),
         ("a remark", "a remark"),

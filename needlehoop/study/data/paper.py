@@ -36,13 +36,13 @@ LISTS = {
 def reward_label(reward: str) -> str:
     """A reward's name for people; after a comma, the label of runs that have one."""
     name, _, differs = reward.partition("+")
-    return ", ".join([REWARDS.get(name, name), *([differs] if differs else [])])
+    return f"{REWARDS.get(name, name)}, {differs}" if differs else REWARDS.get(name, name)
 
 
 def reward_order(reward: str) -> tuple[int, str]:
     """A key for sorting: the human reward first, then those of ``REWARDS``, then others."""
-    known, name = [*REWARDS], reward.partition("+")[0]
-    return (known.index(name) if name in known else len(known), reward)
+    known = [*REWARDS, name := reward.partition("+")[0]]
+    return known.index(name), reward
 
 
 def task() -> str:

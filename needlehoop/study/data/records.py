@@ -20,9 +20,6 @@ from needlehoop.runs.reading import read_json, read_yaml
 NONE, ALL = "none", "all"
 """Conditions of a stress test without a disturbance, and with all of them at once."""
 
-_KEYS = ("cams", "obs", "algo", "seed", "steps", "num_envs")
-"""What the study uses of a run's config."""
-
 
 @dataclass(frozen=True)
 class TaskNote:
@@ -35,10 +32,6 @@ class TaskNote:
     """Names in ``metrics.csv`` and evaluations of what was true at an episode's end."""
     phases: tuple[tuple[str, str], ...]
     """Parts of the task in their order: name, and the fact that ends it."""
-
-
-UNKNOWN = TaskNote("", "success", ("success",), ())
-"""Of a run whose manifest does not say."""
 
 
 @dataclass(frozen=True, order=True)
@@ -76,7 +69,6 @@ class Record:
 
     @property
     def finished(self) -> bool:
-        """Whether training, evaluation and film are done."""
         return self.manifest.get("finished") is True
 
     @property
@@ -98,7 +90,7 @@ class Record:
     @property
     def command(self) -> str:
         """What makes this run alone."""
-        words = self.manifest.get("command", ["(command not on record)"])
+        words = self.manifest["command"]
         return shlex.join(["python", *words] if words[0] == "train.py" else words)
 
 
@@ -112,14 +104,14 @@ class Study:
     """Folders that do not count, each with the reason."""
 
     def is_of(self, task: str) -> bool:
-        """Whether its runs say that they are of this task, and none that it is of another."""
-        return {run.task.name for run in self.runs} - {UNKNOWN.name} == {task}
+        """Whether all its runs are of this task."""
+        return {run.task.name for run in self.runs} == {task}
 
 
 def read_study(folder: Path) -> Study:
     """Every ``<cameras>/<reward>/seed<k>`` in a study's folder; ``ValueError`` without one."""
     if not folder.is_dir():
-        raise ValueError(f"{folder}: no such folder; give a study's, such as results/main")
+        raise ValueError(f"{folder}: no such folder")
     runs: dict[Place, Record] = {}
     left_out = []
     # A name such as seed0.1 is of a run that was set aside.
@@ -155,30 +147,26 @@ def _record(folder: Path) -> Record:
         except (OSError, ValueError) as error:
             raise ValueError(f"{name}: {' '.join(str(error).split())}") from error
 
-    config, manifest = read(files.CONFIG, _config), read(files.MANIFEST, read_json)
+    config, manifest = read(files.CONFIG, read_yaml), read(files.MANIFEST, read_json)
+    keys = ("cams", "obs", "algo", "seed", "steps", "num_envs")
+    if missing := [key for key in keys if key not in config]:
+        raise ValueError(f"{files.CONFIG}: has no {', '.join(missing)}")
     cameras = files.seen(config["cams"], bool(config["obs"].get("signals")))
     return Record(
         Place(cameras, folder.parent.name, config["seed"]),
         folder,
         config,
         manifest,
-        TypeAdapter(TaskNote).validate_python(manifest.get("task", UNKNOWN)),
-        read(files.METRICS, read_rows),
-        read(files.EVALUATIONS, read_rows),
+        TypeAdapter(TaskNote).validate_python(manifest.get("task")),
+        read(files.METRICS, _rows),
+        read(files.EVALUATIONS, _rows),
         read(files.EVALUATION, read_json),
         read(files.VIDEO, Path),
         read(files.STRESS, pd.read_csv),
     )
 
 
-def _config(path: Path) -> dict[str, Any]:
-    config = read_yaml(path)
-    if missing := [key for key in _KEYS if key not in config]:
-        raise ValueError(f"has no {', '.join(missing)}")
-    return config
-
-
-def read_rows(path: Path) -> pd.DataFrame | None:
+def _rows(path: Path) -> pd.DataFrame | None:
     """A run's table; ``None`` before its first row, ``ValueError`` if its steps don't rise."""
     # A row without a line's end was cut off by a kill, even if it looks whole.
     whole, _, _ = path.read_text(encoding="utf-8").rpartition("\n")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from needlehoop.study.stats.statistics import OVER_EPISODES, Estimated, Interval
+from needlehoop.study.stats.statistics import Estimated, Interval
 
 Cell = float | str | Interval | Estimated | Sequence["Cell"] | None
 
@@ -26,8 +26,8 @@ def written(cell: Cell, form: str = ".2f", scale: float = 1.0) -> str:
             return ""
         case str():
             return cell
-        case Interval(low, high, over):
-            remark = f" ({over})" if over == OVER_EPISODES else ""
+        case Interval(low, high, over_episodes):
+            remark = " (over episodes)" if over_episodes else ""
             return f"{written(low, form, scale)} to {written(high, form, scale)}{remark}"
         case Estimated(value, interval):
             ends = f" ({written(interval, form, scale)})" if interval else ""

@@ -31,7 +31,7 @@ _WINDOW = 0.04
 
 @dataclass(frozen=True)
 class Final:
-    """Means over deterministic episodes that training does not see."""
+    """Means over episodes of the mean action, which training does not see."""
 
     measures: Mapping[str, float]
     """By the names above, as far as a run has such a number."""
@@ -50,7 +50,7 @@ def final(run: Record) -> Final | None:
     """
     rows, last = run.evaluations, run.evaluation
     newest = 0 if rows is None else int(max(rows["step"]))
-    if last is not None and (run.finished or _trained(run) >= newest):
+    if last is not None and (run.finished or last["steps_trained"] >= newest):
         said, finished = dict(last), run.finished
     elif rows is not None:
         tail = rows[rows["step"] > newest * (1.0 - _TAIL)]
@@ -82,7 +82,7 @@ def evaluations(run: Record) -> list[tuple[int, float]]:
     rows, last = run.evaluations, run.evaluation
     found = [] if rows is None else [*zip(rows["step"], rows["success"], strict=True)]
     if last is not None:
-        found.append((_trained(run), last["success"]))
+        found.append((last["steps_trained"], last["success"]))
     return sorted((int(step), float(success)) for step, success in found)
 
 
@@ -117,8 +117,3 @@ def _over_training(run: Record, column: str) -> float | None:
     if run.metrics is None or not run.finished or run.steps < run.planned_steps:
         return None
     return float(np.nanmean(run.metrics[column])) if has_curve(run) else None
-
-
-def _trained(run: Record) -> int:
-    """Environment steps before ``evaluation.json``; one that does not say so closes a run."""
-    return int((run.evaluation or {}).get("steps_trained", run.steps))

@@ -1,4 +1,4 @@
-"""Statistics over seeds: means and their intervals, chances to be better.
+"""Statistics over seeds: means and their intervals.
 
 A few runs have a mean with Student's interval. From ten on they have an interquartile mean with a
 percentile bootstrap over runs, after Agarwal et al., "Deep RL at the Edge of the Statistical
@@ -24,12 +24,6 @@ minimum and maximum, which cover three quarters and not 95 %."""
 ENOUGH = 3
 """Seeds below which there is no interval: that of two would be their minimum and maximum."""
 
-ENOUGH_TO_COMPARE = 5
-"""Runs a side below which a comparison has no interval. Of three that all beat three, every
-resample says so, while chance alone does it in one case of ten; of five in one of 126."""
-
-OVER_SEEDS, OVER_EPISODES = "over seeds", "over episodes"
-
 
 @dataclass(frozen=True)
 class Interval:
@@ -37,8 +31,8 @@ class Interval:
 
     low: float
     high: float
-    over: str = OVER_SEEDS
-    """What varies within it: seeds, or the episodes of too few seeds."""
+    over_episodes: bool = False
+    """What varies within it: the episodes of too few seeds; else the seeds."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +42,6 @@ class Estimated:
     value: float
     interval: Interval | None = None
     seeds: int = 1
-    """Runs that it is of; of a comparison, those of the side with fewer."""
 
     @property
     def interval_or_why(self) -> Interval | str:
@@ -71,7 +64,9 @@ def estimate(values: Sequence[float] | np.ndarray) -> Estimated:
     if n < FEW:
         half = float(scipy.stats.t.ppf(0.975, n - 1) * own.std(ddof=1) / np.sqrt(n))
         return Estimated(value, Interval(value - half, value + half), n)
-    return Estimated(value, _percentiles(iqm(_resample(own, np.random.default_rng(0)), axis=1)), n)
+    picks = np.random.default_rng(0).integers(n, size=(_RESAMPLES, n))
+    low, high = np.percentile(iqm(own[picks], axis=1), (2.5, 97.5))
+    return Estimated(value, Interval(float(low), float(high)), n)
 
 
 def share(shares: Sequence[float]) -> Estimated:
@@ -94,7 +89,7 @@ def rate(shares: Sequence[float], episodes: Sequence[int]) -> Estimated:
     hits = round(sum(share * n for share, n in zip(shares, episodes, strict=True)))
     total = int(sum(episodes))
     wilson = scipy.stats.binomtest(hits, total).proportion_ci(method="wilson")
-    ends = Interval(float(wilson.low), float(wilson.high), OVER_EPISODES)
+    ends = Interval(float(wilson.low), float(wilson.high), over_episodes=True)
     return Estimated(hits / total, ends, found.seeds)
 
 
@@ -110,30 +105,3 @@ def difference(first: Estimated, second: Estimated) -> Estimated:
     low = np.hypot(second.value - b.low, a.high - first.value)
     high = np.hypot(b.high - second.value, first.value - a.low)
     return Estimated(value, Interval(float(value - low), float(value + high)))
-
-
-def improvement(better: Sequence[float], worse: Sequence[float]) -> Estimated:
-    """The chance that a run of one camera set ends above a run of another; a tie is half."""
-    a, b = np.asarray(better, dtype=float), np.asarray(worse, dtype=float)
-    value, fewest = float(chance_above(a[None], b[None])[0]), min(len(a), len(b))
-    if fewest < ENOUGH_TO_COMPARE:
-        return Estimated(value, None, fewest)
-    generator = np.random.default_rng(0)
-    drawn = chance_above(_resample(a, generator), _resample(b, generator))
-    return Estimated(value, _percentiles(drawn), fewest)
-
-
-def _resample(values: np.ndarray, generator: np.random.Generator) -> np.ndarray:
-    """Runs drawn from ``(n,)`` with replacement, ``(k, n)``."""
-    return values[generator.integers(len(values), size=(_RESAMPLES, len(values)))]
-
-
-def _percentiles(drawn: np.ndarray) -> Interval:
-    """The 95 % interval of what was drawn, ``(k,)``."""
-    low, high = np.percentile(drawn, (2.5, 97.5))
-    return Interval(float(low), float(high))
-
-
-def chance_above(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Share of pairs in which a run of ``a`` ``(..., n)`` beats one of ``b`` ``(..., m)``."""
-    return (np.sign(a[..., :, None] - b[..., None, :]) / 2 + 0.5).mean(axis=(-2, -1))
