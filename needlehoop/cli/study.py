@@ -23,14 +23,15 @@ _OUT = argument("--out", type=Path, metavar="FOLDER", help=_BESIDE)
 def plot(options: argparse.Namespace) -> None:
     """Draw a study's figures and write its tables."""
     from needlehoop.study.render.figures import draw
-    from needlehoop.study.report.tables import write_tables
+    from needlehoop.study.report.tables import all_tables
 
     findings = _open(options.study)
     out = options.out or findings.study.folder
     for drawn in draw(findings, out / "figures"):
-        print(drawn.file or f"{drawn.name}: not drawn, {drawn.missing}")
-    for path in write_tables(findings, out / "tables"):
-        print(path)
+        print(drawn.file)
+    for table in all_tables(findings):
+        for path in table.write(out / "tables"):
+            print(path)
     _say_left_out(findings)
 
 

@@ -43,12 +43,12 @@ def test_plot_draws_all_and_repeats_to_the_byte(study, tmp_path, capsys):
     assert {path: path.read_bytes() for path in figures.iterdir()} == first
 
 
-def test_nothing_to_draw_is_said_and_old_figures_go(tmp_path):
+def test_what_cannot_be_drawn_any_more_goes(tmp_path):
     (tmp_path / "rewards.png").write_text("old")
     (write_run(tmp_path / "main", "rgb_default") / "metrics.csv").unlink()
-    drawn = {one.name: one for one in draw(study_findings(tmp_path / "main"), tmp_path)}
-    assert {path.name for path in tmp_path.glob("*.png")} == {"final_values.png"}
-    assert drawn["learning_curves"].missing == "no learning curves"
+    (drawn,) = draw(study_findings(tmp_path / "main"), tmp_path)
+    assert [*tmp_path.glob("*.png")] == [drawn.file]
+    assert drawn.name == "final_values"
 
 
 def test_many_curves_are_grouped_as_in_the_paper(tmp_path):

@@ -63,7 +63,7 @@ def test_what_a_real_run_writes_is_read(tmp_path):
     (record,) = read_study(tmp_path / "main").runs
     half = final(record)
     assert half is not None
-    assert (half.measures[RETURN], half.shares["success"], half.episodes) == (8.5, 1.0, 4)
+    assert (half.measures[RETURN], half.measures["success"], half.episodes) == (8.5, 1.0, 4)
     assert not half.finished
     run.write(EVALUATION, json.dumps({"steps_trained": 20_480, **with_intervals(task, outcome)}))
     run.note(finished=True)
@@ -117,7 +117,10 @@ def test_the_value_of_an_unfinished_run_is_the_mean_of_its_last_evaluations(stud
     )
     end = final(read_run(run).runs[0])
     assert end is not None
-    assert (end.measures[RETURN], end.shares["success"]) == (pytest.approx(3.5), pytest.approx(0.5))
+    assert (end.measures[RETURN], end.measures["success"]) == (
+        pytest.approx(3.5),
+        pytest.approx(0.5),
+    )
     assert (end.episodes, end.finished, TRAINING in end.measures) == (80, False, False)
     # An evaluation that is older than these does not count, one that is newer does.
     told = json.loads((study / "dep_front+seg_side/human/seed0/evaluation.json").read_text())

@@ -60,7 +60,7 @@ def test_a_table_is_written_as_csv_and_markdown_and_removed_without_rows(tmp_pat
     assert (tmp_path / "t.md").read_text() == (
         "**A title**\n\n| a, b | c |\n|---|---|\n| 1 | x |\n\nA note.\n"
     )
-    assert table.text() == "A title\na, b  c\n1     x\nA note."
+    assert table.text() == "A title\na, b    c\n1       x\nA note."
     assert Table.of("t", "A title", []).write(tmp_path) == []
     assert [*tmp_path.iterdir()] == []
 
@@ -84,7 +84,7 @@ def test_results_are_in_order_reward_by_reward(findings):
         ):
             mean = unit * np.mean([one.measures[measure] for one in finals])
             assert float(row[column]) == pytest.approx(mean, abs=0.0051 * unit)
-        lifted = 100 * np.mean([one.shares["lifted"] for one in finals])
+        lifted = 100 * np.mean([one.measures["lifted"] for one in finals])
         assert float(row["lifted, %"]) == pytest.approx(lifted, abs=0.51)
 
 

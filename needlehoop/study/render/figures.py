@@ -18,15 +18,7 @@ from scipy import stats
 from needlehoop.study.data import paper
 from needlehoop.study.data.paper import LISTS, reward_label, reward_order
 from needlehoop.study.data.records import Record
-from needlehoop.study.render.style import (
-    COLOURS,
-    DASHES,
-    INK,
-    new_figure,
-    save,
-    short,
-    styled,
-)
+from needlehoop.study.render.style import COLOURS, DASHES, INK, new_figure, save, short, styled
 from needlehoop.study.stats.findings import StudyFindings
 from needlehoop.study.stats.run import CHEAT, evaluations, has_curve, smooth
 from needlehoop.study.stats.statistics import ENOUGH, Estimated, Interval
@@ -41,15 +33,11 @@ Lines = Sequence[tuple[str, Sequence[Record], int]]
 """What a panel shows: name, runs and number of the colour of each line."""
 
 
-class MissingDataError(ValueError):
-    """A study lacks what a figure shows; the message says what. Each figure may raise it."""
-
-
-def learning_curves(findings: StudyFindings) -> Figure:
+def learning_curves(findings: StudyFindings) -> Figure | None:
     """Return over training for each camera set; many are parted into the study's lists."""
     drawn = {one.cameras: one.runs for one in findings.ranked if any(map(has_curve, one.runs))}
     if not drawn:
-        raise MissingDataError("no learning curves")
+        return None
     panels = {"": [*drawn]}
     if len(drawn) > _PANEL:
         lists = findings.lists.items()
@@ -68,7 +56,7 @@ def learning_curves(findings: StudyFindings) -> Figure:
     return figure
 
 
-def reward_comparison(findings: StudyFindings) -> Figure:
+def reward_comparison(findings: StudyFindings) -> Figure | None:
     """What training brings by reward, for each camera set that was trained with several.
 
     Beside the returns stands how often training's sampled actions succeed, and how often the mean
@@ -80,7 +68,7 @@ def reward_comparison(findings: StudyFindings) -> Figure:
               for best in findings.ranked}  # fmt: skip
     rivals = {cameras: own for cameras, own in rivals.items() if len(own) > 1}
     if not rivals:
-        raise MissingDataError("no camera set with learning curves for two rewards")
+        return None
     # A reward keeps its colour from panel to panel.
     colours = sorted({one.reward for own in rivals.values() for one in own}, key=reward_order)
     panels = [
@@ -180,20 +168,13 @@ def _evaluated(run: Record, steps: np.ndarray) -> np.ndarray:
 def final_values(findings: StudyFindings) -> Figure:
     """Camera sets by final return, with the paper's return, success and cheats beside it."""
     results = findings.ranked
-    if not results:
-        raise MissingDataError("no final values")
     shares = {findings.goal: [one.success for one in results]}
     cheats = [one.middle(CHEAT) for one in results]
     if all(one is not None for one in cheats):
         shares[CHEAT] = [Estimated(one or 0.0) for one in cheats]
     # 4.2 mm for a bar and its gap.
-    figure, grid = new_figure(
-        26 + 4.2 * len(results),
-        1,
-        1 + len(shares),
-        sharey=True,
-        width_ratios=(3, 2, 1)[: 1 + len(shares)],
-    )
+    height, widths = 26 + 4.2 * len(results), (3, 2, 1)[: 1 + len(shares)]
+    figure, grid = new_figure(height, 1, len(widths), sharey=True, width_ratios=widths)
     left, *right = grid[0]
     _bars(left, [one.value for one in results], COLOURS[0], "{:.1f}", 1.0, 9.0)
     left.set_yticks(range(len(results)), [short(one.cameras) for one in results])
@@ -233,7 +214,7 @@ def _bars(
         axes.text(1.07 * highest, y, said, va="center", fontsize=6, clip_on=False)
 
 
-_DRAWN: dict[str, tuple[Callable[[StudyFindings], Figure], str]] = {
+_DRAWN: dict[str, tuple[Callable[[StudyFindings], Figure | None], str]] = {
     "rewards": (
         reward_comparison,
         "Rewards compared. Left: each curve is in its own reward's points. Right, what compares"
@@ -257,25 +238,19 @@ _DRAWN: dict[str, tuple[Callable[[StudyFindings], Figure], str]] = {
 
 @dataclass(frozen=True)
 class Drawn:
-    """A figure's file, or why there is none."""
+    """A figure's file."""
 
     name: str
     caption: str
-    file: Path | None
-    missing: str = ""
+    file: Path
 
 
 def draw(findings: StudyFindings, folder: Path) -> list[Drawn]:
-    """Draw everything there is data for, as PNG.
-
-    Older figures in the folder are replaced, or removed where there is nothing to draw any more.
-    """
+    """Draw everything there is data for, as PNG; what older calls left in the folder goes."""
     drawn = []
     for name, (figure, caption) in _DRAWN.items():
         (folder / f"{name}.png").unlink(missing_ok=True)
-        try:
-            with styled():
-                drawn.append(Drawn(name, caption, save(figure(findings), folder / name)))
-        except MissingDataError as error:
-            drawn.append(Drawn(name, caption, None, str(error)))
+        with styled():
+            if (made := figure(findings)) is not None:
+                drawn.append(Drawn(name, caption, save(made, folder / name)))
     return drawn

@@ -62,6 +62,5 @@ def save(figure: Figure, stem: Path) -> Path:
     """Write a figure as PNG; returns its path."""
     png = stem.with_suffix(".png")
     png.parent.mkdir(parents=True, exist_ok=True)
-    with styled():
-        figure.savefig(png, metadata={"Software": None})
+    figure.savefig(png, metadata={"Software": None})
     return png

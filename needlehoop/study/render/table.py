@@ -61,20 +61,15 @@ class Table:
     def of(cls, name: str, title: str, rows: Sequence[dict[str, str]], note: str = "") -> Table:
         return cls(name, title, pd.DataFrame(rows, dtype=str), note)
 
-    @property
-    def lines(self) -> list[list[str]]:
-        """The headings, then the rows."""
-        return [[*self.rows], *self.rows.to_numpy().tolist()]
-
     def text(self) -> str:
         """Aligned columns for a terminal, under the title."""
-        widths = [max(map(len, column)) for column in zip(*self.lines, strict=True)]
-        body = ("  ".join(map(str.ljust, line, widths)).rstrip() for line in self.lines)
-        return "\n".join((self.title, *body, self.note))
+        body = self.rows.to_markdown(tablefmt="plain", index=False, disable_numparse=True)
+        return f"{self.title}\n{body}\n{self.note}"
 
     def markdown(self) -> str:
         """The rows alone, as a table of Markdown."""
-        head, *rows = (f"| {' | '.join(line)} |\n" for line in self.lines)
+        lines = [[*self.rows], *self.rows.to_numpy().tolist()]
+        head, *rows = (f"| {' | '.join(line)} |\n" for line in lines)
         return head + "|" + "---|" * self.rows.shape[1] + "\n" + "".join(rows)
 
     def write(self, folder: Path) -> list[Path]:

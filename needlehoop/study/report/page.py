@@ -6,6 +6,7 @@ import base64
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from mimetypes import guess_type
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -27,8 +28,6 @@ _FIRST = ("rewards", "final_values")
 
 _FILMS = 7_500_000
 """Bytes that a page's films take in it; those beyond are linked to."""
-
-_TYPES = {".png": "image/png", ".mp4": "video/mp4"}
 
 
 @dataclass(frozen=True)
@@ -84,7 +83,7 @@ def write_page(
 def inline(path: Path) -> str:
     """A file as an address that holds it."""
     data = base64.b64encode(path.read_bytes()).decode("ascii")
-    return f"data:{_TYPES[path.suffix]};base64,{data}"
+    return f"data:{guess_type(path)[0]};base64,{data}"
 
 
 def write_report(
@@ -122,7 +121,7 @@ def _pictures(study: Study) -> dict[str, Path]:
 def _sections(findings: StudyFindings, figures: Sequence[Drawn]) -> Iterator[Section]:
     study, pictures = findings.study, _pictures(findings.study)
     counts = f"{len(study.runs)} runs, {sum(run.finished for run in study.runs)} finished"
-    first = [figure for figure in figures if figure.name in _FIRST and figure.file]
+    first = [figure for figure in figures if figure.name in _FIRST]
     yield Section(f"Study {findings.title}", [counts, *study.left_out], first)
     for reward in sorted({one.reward for one in findings.results}, key=reward_order):
         results = [one for one in findings.results if one.reward == reward]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 
@@ -56,17 +54,13 @@ def all_tables(findings: StudyFindings) -> list[Table]:
     return [one(findings) for one in (results, stress, table_1, table_2, agreements)]
 
 
-def write_tables(findings: StudyFindings, folder: Path) -> list[Path]:
-    """Write every table that has rows, as CSV and Markdown; remove the others' old files."""
-    return [path for table in all_tables(findings) for path in table.write(folder)]
-
-
 def results(findings: StudyFindings) -> Table:
     """Every camera set with every reward: reward by reward, the best return first."""
     ordered = sorted(findings.results, key=lambda one: reward_order(one.reward))
     facts = dict.fromkeys(fact for run in findings.study.runs for _, fact in run.task.phases)
     rows = [
-        result_row(one) | {f"{f}, %": percent(share_of(one, f)) for f in facts} for one in ordered
+        result_row(one) | {f"{fact}, %": percent(one.middle(fact)) for fact in facts}
+        for one in ordered
     ]
     return Table.of("results", "Results", rows, RESULTS_NOTE)
 
@@ -120,12 +114,6 @@ def stress(findings: StudyFindings) -> Table:
         " 95 % interval; then all of them at once. docs/robustness.md says what each axis does."
     )
     return Table.of("stress", "Under disturbances", [rows[key] for key in sorted(rows)[::-1]], note)
-
-
-def share_of(result: Result, fact: str) -> float | None:
-    """Of final episodes, the mean over seeds; ``None`` where the task has no such fact."""
-    shares = [found.shares[fact] for found in result.finals if fact in found.shares]
-    return float(np.mean(shares)) if shares else None
 
 
 def table_1(findings: StudyFindings) -> Table:

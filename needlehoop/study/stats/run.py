@@ -10,7 +10,7 @@ import numpy as np
 from needlehoop.study.data.records import Record
 
 RETURN, SUCCESS, CHEAT = "return", "success", "cheat"
-"""Means over final episodes: the return in the reward's own points, and shares of episodes."""
+"""Means over final episodes: the return in the reward's own points, and two of the task's facts."""
 HUMAN_POINTS = "human's points"
 """What the human reward says of final episodes, whichever reward they were learnt from."""
 TRAINING, SUCCESS_OVER_TRAINING = "return over training", "success over training"
@@ -34,9 +34,7 @@ class Final:
     """Means over episodes of the mean action, which training does not see."""
 
     measures: Mapping[str, float]
-    """By the names above, as far as a run has such a number."""
-    shares: Mapping[str, float]
-    """Shares of episodes, by the task's columns: success, cheat, and each fact."""
+    """Shares of episodes by fact, and the numbers named above, as far as a run has them."""
     episodes: int
     finished: bool
 
@@ -58,10 +56,8 @@ def final(run: Record) -> Final | None:
         said["episodes"], finished = np.sum(tail["episodes"]), False
     else:
         return None
-    measures = {
+    measures = {name: said[name] for name in run.task.columns} | {
         RETURN: said["return"],
-        SUCCESS: said["success"],
-        CHEAT: said["cheat"] if "cheat" in run.task.columns else None,
         HUMAN_POINTS: said.get("return_human"),
         TRAINING: _over_training(run, "return"),
         SUCCESS_OVER_TRAINING: _over_training(run, "success"),
@@ -69,8 +65,7 @@ def final(run: Record) -> Final | None:
     if run.finished and rows is not None and last is not None:
         measures[BEST] = max(success for _, success in evaluations(run))
     known = {name: float(value) for name, value in measures.items() if value is not None}
-    shares = {name: float(said[name]) for name in run.task.columns}
-    return Final(known, shares, int(said["episodes"]), finished)
+    return Final(known, int(said["episodes"]), finished)
 
 
 def evaluations(run: Record) -> list[tuple[int, float]]:
