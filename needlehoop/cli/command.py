@@ -15,6 +15,7 @@ from textwrap import fill
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from needlehoop.config import changing, composing, strict
 from needlehoop.runs.files import check_free
 from needlehoop.runs.shipped import CONF
 
@@ -86,8 +87,6 @@ def environment(
     options: argparse.Namespace, config: str = "env", **kinds: Any
 ) -> tuple[Settings, SimpleNamespace]:
     """The environment that a command's words describe, and its own keys, of these ``kinds``."""
-    from needlehoop.config import composing, strict
-
     values = composing.compose(options.overrides, config)
     # A misspelt key does not wait for the simulator.
     from needlehoop.envs.settings import settings_from
@@ -95,8 +94,17 @@ def environment(
     return settings_from(values), strict.read(values, **kinds)
 
 
+def beside_a_run(
+    options: argparse.Namespace, command: str, **kinds: Any
+) -> tuple[SimpleNamespace, list[str]]:
+    """A command's own keys, of these ``kinds``, and the words that change the run's settings."""
+    mine, conditions = changing.parted(options.overrides, command)
+    values = composing.compose(mine, command)
+    return strict.read(values, trust=bool, device=str, **kinds), conditions
+
+
 def new_file(out: str | Path, suffix: str, overwrite: bool, key: str = "out") -> Path:
-    """The path of a file, or with no suffix of a folder, that is to be written.
+    """The path of a file, or without a suffix of a folder, that is to be written.
 
     Raises ``ValueError`` for another suffix, or where something is and may not be overwritten.
     """

@@ -11,8 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from needlehoop.cli.command import KEYS, command
-from needlehoop.config import strict
+from needlehoop.config import composing, strict
+from needlehoop.config.changing import parted
+from needlehoop.config.options import typed
 from needlehoop.config.strict import Count, Seed
+from needlehoop.runs.files import new_folder
+from needlehoop.runs.machine import provenance
 
 if TYPE_CHECKING:
     from needlehoop.demonstrations.episodes import Demonstration
@@ -23,12 +27,7 @@ def demonstrations(options: argparse.Namespace) -> None:
     """Write episodes of an expert or a trained run as a dataset: Minari, LeRobot or Open-H."""
     from tqdm import tqdm
 
-    from needlehoop.config import composing
-    from needlehoop.config.changing import parted
-    from needlehoop.config.options import typed
     from needlehoop.demonstrations.episodes import demonstrate, scripted
-    from needlehoop.runs.files import new_folder
-    from needlehoop.runs.machine import provenance
 
     words = options.overrides
     is_run = any(Path(one).is_dir() for one in typed(words, "demonstrator")[-1:])

@@ -9,17 +9,39 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from needlehoop.cli.command import JSON, KEYS, argument, command, environment, new_file
+from needlehoop.cli.command import (
+    JSON,
+    KEYS,
+    argument,
+    beside_a_run,
+    command,
+    environment,
+    new_file,
+)
 from needlehoop.cli.scenes import Levels
-from needlehoop.config import strict
+from needlehoop.config import changing, strict
+from needlehoop.config.options import typed
 from needlehoop.config.strict import Count, Number, Seed
+from needlehoop.runs.files import (
+    EVALUATION,
+    FURTHER,
+    STRESS,
+    VIDEO,
+    check_name,
+    csv_text,
+    name_of,
+    set_aside,
+    write_whole,
+)
+from needlehoop.runs.reading import UnreadableError, read_json
+from needlehoop.runs.shipped import agent_of
 
 if TYPE_CHECKING:
     from needlehoop.learning.job import Job
     from needlehoop.learning.networks import Agent
     from needlehoop.runs.run import Run
 
-_OF_POLICY = {"policy": str | None, "video_episodes": Count}
+_OF_POLICY = {"policy": str | None, "seed": Seed | None, "video_episodes": Count}
 """Types of the keys of commands that show an agent."""
 
 
@@ -36,21 +58,19 @@ def evaluate(options: argparse.Namespace) -> None:
     policy or under changed conditions goes into a folder of its own, evaluations/<as>. Conditions
     of the run that are to be changed: task=wide views.front.azimuth=5 …
     """
-    from needlehoop.config.changing import setting
-    from needlehoop.runs.files import VIDEO, check_name
     from needlehoop.runs.run import Run
 
-    run, kinds = Run.open(options.run_folder), {"as": str | None}
-    kinds |= {"video": bool, **_OF_POLICY}
-    own, words = _asked(options, "evaluate", episodes=Count | None, **kinds)
+    run = Run.open(options.run_folder)
+    kinds = {"as": str | None, "episodes": Count | None, "video": bool, **_OF_POLICY}
+    own, words = beside_a_run(options, "evaluate", **kinds)
     name = vars(own)["as"]
     if name is not None:
         check_name("as", name)
     job, agent, found, lines = _flown(run, own, words, "evaluate")
-    own_ends = job.evaluation.final_episodes, job.evaluation.final_seed, "last"
-    usual = zip(("episodes", "seed", "policy"), own_ends, strict=True)
-    differs = [setting(word) for word in (words if "changed" in found else [])]
-    differs += [(key, str(found[key])) for key, value in usual if found[key] != value]
+    final = job.evaluation
+    usual = {"episodes": final.final_episodes, "seed": final.final_seed, "policy": "last"}
+    differs = [changing.setting(word) for word in (words if "changed" in found else [])]
+    differs += [(key, str(found[key])) for key, value in usual.items() if found[key] != value]
     place, is_new = _place(run, found, differs, name)
     if is_new:
         run.write(place, json.dumps(found, indent=2) + "\n")
@@ -74,9 +94,6 @@ def _place(
     The run's own is written where there is none, or where training has gone on since. Any other
     has a folder of its own.
     """
-    from needlehoop.runs.files import EVALUATION, FURTHER, name_of
-    from needlehoop.runs.reading import UnreadableError, read_json
-
     if name is None and not differs:
         try:
             former = read_json(run.folder / EVALUATION)
@@ -102,16 +119,13 @@ def watch(options: argparse.Namespace) -> None:
     a run's folder it is the shipped agent. Nothing is written into the run's folder; a film that is
     there is kept under a number. Conditions that are to be changed: task=wide …
     """
-    from needlehoop.config.options import typed
-    from needlehoop.runs.files import set_aside
     from needlehoop.runs.run import Run
-    from needlehoop.runs.shipped import agent_of
 
     folders = [word for word in options.overrides if "=" not in word]
     options.overrides = [word for word in options.overrides if "=" in word]
     task = ["", *typed(options.overrides, "task")][-1]
     run = Run.open(Path(folders[0]) if folders else agent_of(task))
-    own, words = _asked(options, "watch", episodes=Count, out=str, **_OF_POLICY)
+    own, words = beside_a_run(options, "watch", episodes=Count, out=str, **_OF_POLICY)
     out = new_file(own.out, ".mp4", overwrite=True)
     job, agent, found, lines = _flown(run, own, words, "watch", later=1)
     del found["steps_trained"]
@@ -138,13 +152,12 @@ def stress(options: argparse.Namespace) -> None:
     kept under a number. Conditions that are to be changed: task=wide …
     """
     from needlehoop.learning.job import pick_device
-    from needlehoop.runs.files import STRESS, csv_text, set_aside, write_whole
 
     who = Path(options.who)
-    kinds = {"axes": strict.Names, "levels": Levels, "threads": Number, "out": str | None}
-    kinds |= {"severities": tuple[Count, ...]}
-    counts = dict.fromkeys(("together", "episodes", "num_envs"), Count)
-    asked, conditions = _asked(options, "stress", **kinds, **counts)
+    kinds = {"axes": strict.Names, "levels": Levels, "severities": tuple[Count, ...]}
+    kinds |= {"seed": Seed | None, "threads": Number, "out": str | None}
+    kinds |= dict.fromkeys(("together", "episodes", "num_envs"), Count)
+    asked, conditions = beside_a_run(options, "stress", **kinds)
     if asked.out is None and (conditions or not who.is_dir()):
         raise ValueError(
             "out: stress.csv in a run's folder is of the run's own conditions; name another file,"
@@ -164,16 +177,6 @@ def stress(options: argparse.Namespace) -> None:
     out.parent.mkdir(parents=True, exist_ok=True)
     write_whole(out, csv_text(rows[0], (row.values() for row in rows)))
     print(f"{stress.summary(rows)}\ntable        {out}")
-
-
-def _asked(options: argparse.Namespace, command: str, **kinds: Any) -> tuple[Any, list[str]]:
-    """What was typed beside a run: the command's own settings, and words that change the run's."""
-    from needlehoop.config import composing
-    from needlehoop.config.changing import parted
-
-    mine, conditions = parted(options.overrides, command)
-    values = composing.compose(mine, command)
-    return strict.read(values, trust=bool, seed=Seed | None, device=str, **kinds), conditions
 
 
 def _flown(
@@ -214,8 +217,6 @@ def _flown(
 )
 def expert(options: argparse.Namespace) -> None:
     """Run a scripted controller and print what came of it."""
-    from needlehoop.config.options import typed
-
     kinds = {"controller": str, "grasps": strict.Names | None, "overwrite": bool}
     settings, asked = environment(options, "expert", episodes=Count, video_episodes=Count, **kinds)
     who, grasps = asked.controller, asked.grasps

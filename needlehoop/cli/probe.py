@@ -10,7 +10,9 @@ from pathlib import Path
 import yaml
 
 from needlehoop.cli.command import KEYS, command
-from needlehoop.config import strict
+from needlehoop.config import composing, strict
+from needlehoop.runs.files import CONFIG, new_folder, seen, write_whole
+from needlehoop.runs.machine import provenance
 
 
 @command(KEYS, config="probe")
@@ -20,8 +22,6 @@ def probe(options: argparse.Namespace) -> None:
     What is measured is shown; compute=true measures, into a new folder. Camera sets are given as
     cams=rgb_front,dep_front+seg_side.
     """
-    from needlehoop.config import composing
-
     # Hydra knows cams as the options of one environment, so camera sets go by another name there.
     words = (re.sub("^cams=", "combinations=", word) for word in options.overrides)
     values = composing.compose(words, "probe")
@@ -32,8 +32,6 @@ def probe(options: argparse.Namespace) -> None:
     from needlehoop.probe import measuring, report, scores
     from needlehoop.probe.frames import quantities
     from needlehoop.probe.measuring import Plan, camera_sets
-    from needlehoop.runs.files import CONFIG, new_folder, seen, write_whole
-    from needlehoop.runs.machine import provenance
     from needlehoop.runs.run import Run
 
     sets = camera_sets(values["combinations"], standing)
@@ -50,11 +48,9 @@ def probe(options: argparse.Namespace) -> None:
             Run(folder).note(**provenance(), command=typed, wall_time=round(took, 1))
     lacking = [seen(one) for one in sets if not (place / f"seed0/{seen(one)}.csv").is_file()]
     if lacking:
-        # 36 measurements of 400 updates took 12 min 20 s on a 2-core EPYC VM.
-        minutes = plan.seeds * (len(sets) + 1) * plan.fit.updates * 740 / (36 * 400) / 60
         raise ValueError(
             f"compute: {place} lacks {lacking[0]}; compute=true measures all of these camera sets"
-            f" into a new study=, in about {max(1, minutes):.0f} minutes on two cores"
+            " into a new study="
         )
     results = scores.load(place, quantities(standing.definition))
     print(report.write(results, place))

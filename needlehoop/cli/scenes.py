@@ -7,7 +7,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from needlehoop.cli.command import KEYS, command, environment, new_file
+from needlehoop.config.options import part, typed, variants
 from needlehoop.config.strict import Amount, OneOf, Pixels
+from needlehoop.runs.files import write_whole
+from needlehoop.runs.shipped import AGENT, CONF
 
 Levels = dict[str, dict[str, tuple[Amount, ...]]]
 """Amounts at severities 1, 2, … by axis, by group: ``conf/levels``."""
@@ -41,8 +44,6 @@ def tasks(options: argparse.Namespace) -> None:
 
     With task=<a variant>, the table of that task's signals as well.
     """
-    from needlehoop.config.options import part, typed, variants
-    from needlehoop.runs.shipped import CONF
     from needlehoop.tasks.registry import find, names
 
     settings, _ = environment(options)
@@ -84,9 +85,6 @@ def export(options: argparse.Namespace) -> None:
 
 
 def _export_policy(asked: Any) -> None:
-    from needlehoop.runs.files import write_whole
-    from needlehoop.runs.shipped import AGENT
-
     out = new_file(asked.out or "policy.onnx", ".onnx", asked.overwrite)
     from needlehoop.api.making import actor_in
     from needlehoop.learning.policy import PRECISION, onnx_bytes

@@ -8,10 +8,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
-from needlehoop.cli.command import KEYS, command
-from needlehoop.cli.evaluate import Levels
-from needlehoop.config import strict
+from needlehoop.cli.command import KEYS, beside_a_run, command
+from needlehoop.cli.scenes import Levels
+from needlehoop.config.options import part, typed, variants
 from needlehoop.config.strict import Pixels, Range
+from needlehoop.runs.shipped import CONF
 
 _FOLDER = "my_conf"
 """Where views are saved if no ``conf_dir`` is typed."""
@@ -23,18 +24,11 @@ def studio(options: argparse.Namespace) -> None:
 
     The page is http://127.0.0.1:8080. Views are saved into conf_dir=. Ctrl-C ends it.
     """
-    from needlehoop.config import composing
-    from needlehoop.config.changing import parted
-    from needlehoop.config.options import typed, variants
-    from needlehoop.runs.shipped import CONF
-
     if find_spec("viser") is None:
         raise ValueError("studio needs viser: pip install 'needlehoop[studio]'")
-    mine, words = parted(options.overrides, "studio")
-    own = composing.compose(mine, "studio")
-    kinds: dict[str, Any] = dict.fromkeys(("device", "host", "results"), str)
-    kinds |= {"run": str | None, "trust": bool, "size": Pixels, "levels": Levels}
-    asked = strict.read(own, port=Annotated[int, Range(0, 65_535)], **kinds)
+    kinds: dict[str, Any] = {"host": str, "port": Annotated[int, Range(0, 65_535)], "results": str}
+    kinds |= {"run": str | None, "size": Pixels, "levels": Levels}
+    asked, words = beside_a_run(options, "studio", **kinds)
     run = None if asked.run is None else Path(asked.run)
     import torch
 
@@ -55,7 +49,7 @@ def studio(options: argparse.Namespace) -> None:
     # A policy of a few layers is fastest on one.
     torch.set_num_threads(1)
     settings = scene()
-    _, folders = composing.prepare(words)
+    _, folders = part(words)
     who = players(settings, run, asked.trust, pick_device(asked.device))
     named = [camera.rendering for camera in settings.cameras]
     plain = sorted(settings.renderings, key=lambda name: settings.renderings[name].depth != "none")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import re
 import sys
@@ -11,6 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from needlehoop.cli.command import JSON, KEYS, argument, command, environment
+from needlehoop.config import composing, strict
+from needlehoop.config.strict import Count, Positive
+from needlehoop.runs.files import check_name
 from needlehoop.runs.reading import printable
 
 if TYPE_CHECKING:
@@ -22,25 +24,21 @@ SUMMARY = "Ask a vision-language model about cameras and rewards; check reward p
 @command(KEYS, config="vlm_question")
 def vlm_question(options: argparse.Namespace) -> None:
     """Ask which views and renderings suit the task's parts."""
-    from needlehoop.config import composing, strict
-
     values = composing.compose(options.overrides, "vlm_question")
+    from needlehoop.study.data.answers import as_rows
     from needlehoop.vlm.questions import Questions
 
     questions = strict.as_type(values, Questions)
     with _open(values) as inquiry:
-        inquiry.question(questions)
-    with (inquiry.folder / "questions.csv").open(newline="", encoding="utf-8") as file:
-        for row in csv.DictReader(file):
-            print(printable(f"{row['question']}: {row['answer']}"))
+        found = inquiry.question(questions)
+    for row in as_rows(found["answers"], found["asked"]):
+        print(printable(f"{row.question}: {row.answer}"))
     _report(inquiry, "questions.csv")
 
 
 @command(KEYS, config="vlm_rank")
 def vlm_rank(options: argparse.Namespace) -> None:
     """Ask for rankings of camera sets."""
-    from needlehoop.config import composing, strict
-
     chosen = [word.lstrip("+") for word in options.overrides if word.startswith("+experiment=")]
     named, words = [], options.overrides
     if chosen:
@@ -82,7 +80,6 @@ def vlm_reward(options: argparse.Namespace) -> None:
 
     cams=[…],[…] asks for one for each of several sets, cams=all for each of the paper's.
     """
-    from needlehoop.config import composing, strict
     from needlehoop.vlm.config import Gates, Samples
 
     # All camera sets are checked before the first is asked for.
@@ -147,7 +144,6 @@ def _sets(words: list[str]) -> list[list[str]]:
 
 def _understood(values: dict[str, Any]) -> tuple[Any, Any, Any]:
     """The scene, the inquiry's settings and the provider's, checked."""
-    from needlehoop.config import strict
     from needlehoop.training.session import provider_config
     from needlehoop.vlm.config import InquiryConfig
 
@@ -181,10 +177,8 @@ def vlm_check(options: argparse.Namespace) -> int:
 
     Exit status 1 where it is refused.
     """
-    from needlehoop.config.strict import Count, Positive
     from needlehoop.rewards.language.program import ProgramError, compile_program
     from needlehoop.rewards.program_reward import Flavour, find, read, scaled
-    from needlehoop.runs.files import check_name
     from needlehoop.vlm.config import Gates
 
     files = [word for word in options.overrides if "=" not in word]

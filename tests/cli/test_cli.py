@@ -1,9 +1,6 @@
 """The commands, as typed."""
 
 import inspect
-import os
-import subprocess
-import sys
 
 import imageio.v2 as imageio
 import numpy as np
@@ -125,20 +122,6 @@ def test_help_says_what_a_command_does_and_shows_its_keys(capsys):
         # Those of every environment are only named.
         own = {*keys} - {"defaults"} if command.config not in (None, "env") else ()
         assert [key for key in own if f"\n{key}:" not in shown] == [], name
-
-
-def test_a_reader_that_goes_ends_a_command_without_a_word():
-    """As ``needlehoop tasks | head`` does."""
-    reading, writing = os.pipe()
-    os.close(reading)
-    done = subprocess.run(
-        [sys.executable, "-m", "needlehoop.cli.main", "tasks"],
-        stdout=writing,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    os.close(writing)
-    assert (done.returncode, done.stderr) == (141, "")
 
 
 @pytest.mark.parametrize(
