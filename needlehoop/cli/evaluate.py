@@ -216,24 +216,21 @@ def _flown(
     config="expert",
 )
 def expert(options: argparse.Namespace) -> None:
-    """Run a scripted controller and print what came of it."""
-    kinds = {"controller": str, "grasps": strict.Names | None, "overwrite": bool}
-    settings, asked = environment(options, "expert", episodes=Count, video_episodes=Count, **kinds)
-    who, grasps = asked.controller, asked.grasps
-    from needlehoop.tasks.layout import GRASPS, ArmEpisode
+    """Run a scripted controller and print what came of it.
 
-    if grasps is not None:
-        strict.check_names("grasps", grasps, GRASPS)
-    elif not typed(options.overrides, "episode.grasp"):
-        grasps = GRASPS
+    It grasps in both ways, weld and friction, unless one is typed as episode.grasp=.
+    """
+    kinds = {"controller": str, "overwrite": bool}
+    settings, asked = environment(options, "expert", episodes=Count, video_episodes=Count, **kinds)
+    who, rules = asked.controller, settings.episode
     if options.video is not None:
         new_file(options.video, ".mp4", asked.overwrite, "--video")
     from needlehoop.envs.controllers import run_trials
+    from needlehoop.tasks.layout import GRASPS, ArmEpisode
 
     tried = {"episodes": settings}
-    if isinstance(settings.episode, ArmEpisode):
-        rules = settings.episode
-        grasps = grasps or (rules.grasp,)
+    if isinstance(rules, ArmEpisode):
+        grasps = [rules.grasp] if typed(options.overrides, "episode.grasp") else GRASPS
         tried = {one: replace(settings, episode=replace(rules, grasp=one)) for one in grasps}
     found = {one: run_trials(own, who, asked.episodes).summary() for one, own in tried.items()}
     if options.json:
