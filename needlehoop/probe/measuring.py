@@ -63,7 +63,7 @@ class Plan:
     episodes: Episodes
     fit: Fit
     seeds: Annotated[int, Range(1, 1000)]
-    """Repetitions, each with its own episodes and weights. They show how far probes agree."""
+    """Repetitions, each with its own episodes and weights."""
     results: str
     study: str
     device: str
@@ -80,22 +80,17 @@ class Plan:
         return _SEEDS + 2 * seed, _SEEDS + 2 * seed + 1
 
 
-def camera_sets(given: str | list[Any], settings: Settings) -> tuple[tuple[str, ...], ...]:
-    """Camera sets from a name with ``+`` between cameras, or a list of such or of lists of cameras.
+def camera_sets(given: Any, settings: Settings) -> tuple[tuple[str, ...], ...]:
+    """Camera sets from their names, with ``+`` between cameras.
 
     ``ValueError``: no camera set, an unknown camera, or a camera set named twice.
     """
-    found = []
-    for one in [given] if isinstance(given, str) else given:
-        split = one.split("+") if isinstance(one, str) else one
-        names = strict.structure(split, strict.Names, "cams")
+    found = tuple(tuple(one.split("+")) for one in strict.structure(given, strict.Names, "cams"))
+    for names in found:
         parse_cameras(names, settings.views, settings.renderings)
-        found.append(names)
-    if not found or not all(found):
-        raise ValueError("cams: nothing to probe; give camera sets, such as rgb_front+rgb_side")
-    if len(set(found)) < len(found):
-        raise ValueError("cams: a camera set is named twice")
-    return tuple(found)
+    if not found or len({*found}) < len(found):
+        raise ValueError("cams: give camera sets, such as rgb_front+rgb_side, each once")
+    return found
 
 
 def probe(plan: Plan, folder: Path, progress: Callable[..., Any] = tqdm) -> None:

@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from itertools import combinations
 from pathlib import Path
 
 import pandas as pd
 from matplotlib.figure import Figure
 
-from needlehoop.probe.frames import Quantities
 from needlehoop.probe.scores import CONSTANT, TRUTH, ProbeResults
 from needlehoop.study.data import paper
 from needlehoop.study.data.paper import LISTS
 from needlehoop.study.render.style import COLOURS, DASHES, new_figure, save, styled
+from needlehoop.study.render.table import written
+from needlehoop.study.report.tables import agreed
 from needlehoop.study.stats.agreement import agreement
 from needlehoop.study.stats.predictions import PAPERS_MEASURED, said
-from needlehoop.study.stats.statistics import Estimated
 
 _BASELINES = {TRUTH: "true state", CONSTANT: "constant"}
 
 
 def write(results: ProbeResults, folder: Path) -> str:
-    """Write ``ranking.csv``, ``.md``, ``.png`` and ``.svg``; returns the tables as text."""
+    """Write ``ranking.csv``, ``.md`` and ``.png``; returns the tables as text."""
     table = ranking(results)
     table.to_csv(folder / "ranking.csv", index=False)
     text = _markdown(table)
@@ -46,25 +45,15 @@ def ranking(results: ProbeResults) -> pd.DataFrame:
         row = {
             "place": f"{best}" if best == worst else f"{best} to {worst}",
             "cameras": _BASELINES.get(name, name),
-            "score": f"{found.value:.3f}",
-            "95 %": _ends(found, 3),
+            "score": written(found.value, ".3f"),
+            "95 %": written(found.interval, ".3f"),
         }
         for phase, quantity in results.asked.needed.items():
-            error = results.error(name, phase, quantity)
-            row[f"{phase}, mm"] = f"{error.value:.2f} ({_ends(error, 2)})"
+            row[f"{phase}, mm"] = written(results.error(name, phase, quantity))
         for seed, score in enumerate(results.scores_by_seed(name)):
             row[f"seed {seed}"] = f"{score:.3f}"
         rows.append(row)
     return pd.DataFrame(rows)
-
-
-def _ends(found: Estimated, digits: int) -> str:
-    assert found.interval is not None
-    return f"{found.interval.low:.{digits}f} to {found.interval.high:.{digits}f}"
-
-
-def _chance(p: float) -> str:
-    return f"{p:.2f}" if p >= 0.01 else f"{p:.1g}"
 
 
 def _markdown(table: pd.DataFrame) -> str:
@@ -78,45 +67,28 @@ def agreements(results: ProbeResults) -> pd.DataFrame:
     falls short of the best there, in that side's unit.
     """
     scores = {name: results.score(name).value for name in results.ranked}
-    sides = [
-        (name, against, {one: scores[one] for one in theirs}, theirs)
-        for name, against, theirs in _published(results.asked)
+    sides = []
+    if results.asked.task == paper.task():
+        measured, lists = paper.measured(), paper.lists()
+        for name, members in {**lists, "all": [*measured]}.items():
+            sides.append((name, PAPERS_MEASURED, scores, {one: measured[one] for one in members}))
+        told = said(paper.SOURCE, paper.answers())
+        sides += [
+            (name, told.who, scores, theirs)
+            for name, theirs in zip(lists, told.lists.values(), strict=True)
+        ]
+    by_seed = {name: results.scores_by_seed(name) for name in scores}
+    for pair in combinations(range(results.seeds), 2):
+        first, second = ({name: own[seed] for name, own in by_seed.items()} for seed in pair)
+        sides.append((f"seed {pair[0]}", f"seed {pair[1]}", first, second))
+    rows = []
+    for name, against, own, theirs in sides:
         # Nothing where the probe has not seen all of the list.
-        if set(theirs) <= set(scores)
-    ]
-    for one, two in combinations(range(results.seeds) if len(scores) > 1 else (), 2):
-        own = {name: results.scores_by_seed(name) for name in scores}
-        first, second = ({name: own[name][seed] for name in own} for seed in (one, two))
-        sides.append((f"seed {one}", f"seed {two}", first, second))
-    compared = [(name, against, agreement(own, theirs)) for name, against, own, theirs in sides]
-    return pd.DataFrame(
-        {
-            "list": name,
-            "against": against,
-            "n": found.n,
-            "tau-b": f"{found.tau:.2f}",
-            "p of tau-b": _chance(found.tau_p),
-            "rho": f"{found.rho:.2f}",
-            "p of rho": _chance(found.rho_p),
-            "best found": "yes" if found.top_hits else "no",
-            "worst found": "yes" if found.bottom_hits else "no",
-            "regret": f"{found.regret:.2f}",
-        }
-        for name, against, found in compared
-    )
-
-
-def _published(asked: Quantities) -> Iterator[tuple[str, str, Mapping[str, float]]]:
-    """The paper's lists with what it measured, then what its VLM said; of its own task alone."""
-    if asked.task != paper.task():
-        return
-    measured, published = paper.measured(), paper.lists()
-    for name, members in published.items():
-        yield LISTS[name], PAPERS_MEASURED, {one: measured[one] for one in members}
-    yield "all", PAPERS_MEASURED, measured
-    told = said(paper.SOURCE, paper.answers())
-    for name, scores in zip(published, told.lists.values(), strict=True):
-        yield LISTS[name], told.who, scores
+        if len(theirs) > 1 and theirs.keys() <= own.keys():
+            found = agreement({one: own[one] for one in theirs}, theirs)
+            row = {"list": LISTS.get(name, name), "against": against, "n": str(found.n)}
+            rows.append(row | agreed(found))
+    return pd.DataFrame(rows)
 
 
 def ranking_figure(results: ProbeResults) -> Figure:

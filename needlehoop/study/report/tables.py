@@ -31,9 +31,7 @@ TO_SOON = f"M steps to {100 * _SOON:.0f} %"
 _SEVERITY = 3
 """Of disturbances that are summed up: what a lab or an operating room shows."""
 
-_AGREEMENT = (
-    *("tau-b", "p of tau-b", "rho", "p of rho", "best found", "worst found", "regret", "Brier"),
-)
+_AGREEMENT = ("tau-b", "p of tau-b", "rho", "p of rho", "best found", "worst found", "regret")
 
 Row = dict[str, str]
 """Cells by heading."""
@@ -164,15 +162,15 @@ def agreements(findings: StudyFindings) -> Table:
                 row = who | {"list": names.get(members) or ", ".join(sorted(members))}
                 if missing := len(members - set(values)):
                     if truth == MEASURED:
-                        empty = dict.fromkeys(_AGREEMENT, "")
+                        empty = dict.fromkeys((*_AGREEMENT, "Brier"), "")
                         said = {"regret": f"{missing} of {len(members)} not measured"}
                         rows.append(row | empty | said)
                     continue
                 both.append((scores, values))
                 brier = {"Brier": written(one.brier(members, values))}
-                rows.append(row | _agreed(agreement(scores, values)) | brier)
+                rows.append(row | agreed(agreement(scores, values)) | brier)
             if len(both) > 1:
-                rows.append(who | {"list": "all lists"} | _agreed(pooled(both)))
+                rows.append(who | {"list": "all lists"} | agreed(pooled(both)) | {"Brier": ""})
     note = (
         "Two-sided permutation p-values. Regret: the return lost by taking the predicted best. All"
         " lists: means, with p by orders drawn for each list by itself. Brier: mean squared error"
@@ -181,10 +179,11 @@ def agreements(findings: StudyFindings) -> Table:
     return Table.of("agreement", "Agreement of predictions", rows, note)
 
 
-def _agreed(found: Agreement) -> Row:
+def agreed(found: Agreement) -> Row:
+    """An agreement as a row's cells."""
     hits = found.top_hits, found.bottom_hits
     told = [
         f"{one} of {found.lists}" if found.lists > 1 else "yes" if one else "no" for one in hits
     ]
     numbers = (written(found.tau), p_value(found.tau_p), written(found.rho), p_value(found.rho_p))
-    return dict(zip(_AGREEMENT, (*numbers, *told, written(found.regret), ""), strict=True))
+    return dict(zip(_AGREEMENT, (*numbers, *told, written(found.regret)), strict=True))
