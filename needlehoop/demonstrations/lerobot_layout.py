@@ -25,8 +25,7 @@ from needlehoop.demonstrations.lerobot_rows import (
     column,
     features,
     frames_a_second,
-    origin,
-    robot_type,
+    made_by,
     rows_of,
     spread,
 )
@@ -81,10 +80,9 @@ def write(
     tasks.to_parquet(folder / "meta/tasks.parquet")
     info = {
         "codebase_version": "v3.0",
-        "robot_type": robot_type(task),
+        **made_by(settings, demonstrator, provenance),
         "total_episodes": len(stories),
         "total_frames": stories[-1]["dataset_to_index"],
-        "total_tasks": 1,
         "chunks_size": 1000,
         "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 200,
@@ -93,7 +91,6 @@ def write(
         "data_path": f"data/{_PATTERN}.parquet",
         "video_path": f"videos/{{video_key}}/{_PATTERN}.mp4",
         "features": features(plain, {key: depths.get(key) for key in films}, settings, rate),
-        "needlehoop": origin(settings, demonstrator, provenance),
     }
     stats = {key: spread(rows) for key, rows in columns.items()}
     for name, content in (("stats", stats), ("info", info)):

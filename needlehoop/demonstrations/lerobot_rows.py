@@ -80,20 +80,15 @@ def features(
     return found
 
 
-def origin(
-    settings: Settings, demonstrator: str, provenance: Mapping[str, Any]
-) -> dict[str, object]:
-    """What ``meta/info.json`` says of how the episodes were made."""
+def made_by(settings: Settings, demonstrator: str, provenance: Mapping[str, Any]) -> dict[str, Any]:
+    """What ``meta/info.json`` says of the robot, and of how the episodes were made."""
+    robot = settings.definition.robot
+    origin = {"demonstrator": demonstrator, "cams": [*settings.cams], "seed": settings.seed}
     return {
-        "demonstrator": demonstrator,
-        "cams": list(settings.cams),
-        "seed": settings.seed,
-        "provenance": dict(provenance),
+        "robot_type": robot.label or robot.body,
+        "total_tasks": 1,
+        "needlehoop": {**origin, "provenance": {**provenance}},
     }
-
-
-def robot_type(task: Task) -> str:
-    return task.robot.label or task.robot.body
 
 
 def proprio_names(task: Task) -> list[str]:

@@ -24,8 +24,7 @@ from needlehoop.demonstrations.lerobot_rows import (
     column,
     features,
     frames_a_second,
-    origin,
-    robot_type,
+    made_by,
     rows_of,
     spread,
 )
@@ -74,27 +73,30 @@ def write(
         kept.append(_filmed(folder, episode, len(kept), settings.image_size, rate))
     good = [one for one in kept if one.episode.success]
     bad = [one for one in kept if not one.episode.success]
-    frames, stories, stats = 0, [], []
+    task, frames, stories, stats = settings.definition, 0, [], []
+    texts = {"instruction.text": task.summary, "observation.meta.tool": task.robot.tool}
     columns: dict[str, np.ndarray] = {}
-    for number, one in enumerate([*good, *bad]):
-        columns = _columns(one.episode, number, frames, rate, settings)
-        frames += len(one.episode)
-        _place(folder, number, one.films, columns)
-        task, length = settings.definition.summary, len(one.episode)
-        stories.append({"episode_index": number, "tasks": [task], "length": length})
-        numbers = {key: rows for key, rows in columns.items() if rows.dtype.kind != "U"}
-        own = {**one.stats, **{key: spread(rows) for key, rows in numbers.items()}}
-        stats.append({"episode_index": number, "stats": own})
+    for number, (episode, films, own) in enumerate([*good, *bad]):
+        n, numbers = len(episode), rows_of(episode, number, frames, rate)
+        columns = numbers | {key: np.full(n, text) for key, text in texts.items() if text}
+        frames += n
+        place = {"episode_chunk": number // _CHUNK, "episode_index": number}
+        table = pa.table({key: column(rows) for key, rows in columns.items()})
+        pq.write_table(table, _made(folder / _DATA.format(**place)))
+        for key, filmed in films.items():
+            filmed.rename(_made(folder / _FILM.format(video_key=key, **place)))
+        stories.append({"episode_index": number, "tasks": [task.summary], "length": n})
+        spreads = own | {key: spread(rows) for key, rows in numbers.items()}
+        stats.append({"episode_index": number, "stats": spreads})
     (folder / _WAITING).rmdir()
     films, total = kept[0].films, len(kept)
     succeeded = "recovery" if demonstrator == PERTURBED else "train"
     splits = {succeeded: (0, len(good)), "failure": (len(good), total)}
     info = {
         "codebase_version": "v2.1",
-        "robot_type": robot_type(settings.definition),
+        **made_by(settings, demonstrator, provenance),
         "total_episodes": total,
         "total_frames": frames,
-        "total_tasks": 1,
         "total_videos": total * len(films),
         "total_chunks": -(-total // _CHUNK),
         "chunks_size": _CHUNK,
@@ -103,26 +105,14 @@ def write(
         "data_path": _DATA,
         "video_path": _FILM,
         "features": features(columns, dict.fromkeys(films), settings, rate),
-        "needlehoop": origin(settings, demonstrator, provenance),
     }
     meta = _made(folder / "meta" / "info.json").parent
     (meta / "info.json").write_text(json.dumps(info, indent=4) + "\n")
-    tasks = [{"task_index": 0, "task": settings.definition.summary}]
+    tasks = [{"task_index": 0, "task": task.summary}]
     for name, lines in (("tasks", tasks), ("episodes", stories), ("episodes_stats", stats)):
         text = "".join(json.dumps(line) + "\n" for line in lines)
         (meta / f"{name}.jsonl").write_text(text)
     (meta / "README.md").write_text(_readme(info, settings, demonstrator))
-
-
-def _place(
-    folder: Path, number: int, films: Mapping[str, Path], columns: Mapping[str, np.ndarray]
-) -> None:
-    """Write an episode's numbers, and move its films to where they belong."""
-    place = {"episode_chunk": number // _CHUNK, "episode_index": number}
-    table = pa.table({key: column(rows) for key, rows in columns.items()})
-    pq.write_table(table, _made(folder / _DATA.format(**place)))
-    for key, filmed in films.items():
-        filmed.rename(_made(folder / _FILM.format(video_key=key, **place)))
 
 
 def _filmed(folder: Path, episode: Demonstration, number: int, size: ImageSize, rate: int) -> _Kept:
@@ -134,15 +124,6 @@ def _filmed(folder: Path, episode: Demonstration, number: int, size: ImageSize, 
         stats[key] = spread(images[:: -(-len(episode) // SAMPLED)])
     # Images of all episodes are too large to keep.
     return _Kept(replace(episode, images={}), films, stats)
-
-
-def _columns(
-    episode: Demonstration, number: int, begin: int, rate: int, settings: Settings
-) -> dict[str, np.ndarray]:
-    task, n = settings.definition, len(episode)
-    texts = {"instruction.text": task.summary, "observation.meta.tool": task.robot.tool}
-    own = {key: np.full(n, text) for key, text in texts.items() if text}
-    return rows_of(episode, number, begin, rate) | own
 
 
 def _made(path: Path) -> Path:
