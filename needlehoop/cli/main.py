@@ -11,11 +11,11 @@ import sys
 from collections.abc import Sequence
 
 import needlehoop
-from needlehoop.cli import demonstrations, evaluate, probe, scenes, studio, study, vlm
+from needlehoop.cli import demonstrations, evaluate, probe, scenes, study, vlm
 from needlehoop.cli.command import COMMANDS
 from needlehoop.runs.reading import printable
 
-_FILES = [one.__name__ for one in (scenes, studio, evaluate, demonstrations, probe, vlm, study)]
+_FILES = [one.__name__ for one in (scenes, evaluate, demonstrations, probe, vlm, study)]
 """Where commands are, in the order of the help."""
 
 

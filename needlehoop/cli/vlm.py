@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from needlehoop.cli.command import JSON, KEYS, argument, command, environment
 from needlehoop.config import composing, strict
+from needlehoop.config.options import typed
 from needlehoop.config.strict import Count, Positive
 from needlehoop.runs.files import check_name
 from needlehoop.runs.reading import printable
@@ -39,12 +40,11 @@ def vlm_question(options: argparse.Namespace) -> None:
 @command(KEYS, config="vlm_rank")
 def vlm_rank(options: argparse.Namespace) -> None:
     """Ask for rankings of camera sets."""
-    chosen = [word.lstrip("+") for word in options.overrides if word.startswith("+experiment=")]
     named, words = [], options.overrides
-    if chosen:
+    for experiment in typed(words, "experiment"):
         from needlehoop.training.sweep import camera_sets
 
-        named = camera_sets(chosen[0].partition("=")[2])
+        named = camera_sets(experiment)
         # Typed, so that all their views are among the settings.
         words = [*words, f"sets=[{','.join(named)}]"]
     values = composing.compose(words, "vlm_rank")
@@ -131,15 +131,14 @@ def _sets(words: list[str]) -> list[list[str]]:
     """
     from needlehoop.study.data import paper
 
-    given = next((word for word in words if word.startswith("cams=")), "")
-    value = given.removeprefix("cams=")
+    value = ",".join(typed(words, "cams"))
+    sets = re.findall(r"\[[^\[\]]*\]", value)
     if value == "all":
         sets = [f"[{name.replace('+', ',')}]" for name in paper.measured()]
-    else:
-        sets = re.findall(r"\[[^\[\]]*\]", value)
     if len(sets) < 2:
         return [words]
-    return [[f"cams={one}" if word == given else word for word in words] for one in sets]
+    rest = [word for word in words if not word.startswith("cams=")]
+    return [[*rest, f"cams={one}"] for one in sets]
 
 
 def _understood(values: dict[str, Any]) -> tuple[Any, Any, Any]:

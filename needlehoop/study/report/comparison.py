@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -27,7 +28,6 @@ Comparison = Mapping[str, Sequence[Record]]
 
 _WHICH = ("study", "results", "until", "existing", "overwrite", "resume", "engine.threads")
 """Settings that say which run it is and how it was run, not what was trained."""
-
 
 _SHOWN = ("cameras", "reward", "seeds", "success, %", "success, 95 %", "cheat, %", "return",
           TRAINING, TO_SOON)  # fmt: skip
@@ -99,23 +99,22 @@ def _value(result: Result) -> Estimated:
 
 def differences(found: Sequence[Comparison]) -> Table:
     """Settings and commits in which the studies or runs differ."""
-    values: dict[str, dict[str, list[str]]] = {}
+    told = []
     for name, run in ((who, run) for one in found for who, runs in one.items() for run in runs):
         own = pd.json_normalize({**run.config, "commit": run.manifest.get("commit")}).iloc[0]
-        for key, value in own.drop([*_WHICH], errors="ignore").items():
-            # A program is shown by its length.
-            lines = str(value).count("\n")
-            text = f"{lines} lines" if lines else str(value)
-            values.setdefault(str(key), {}).setdefault(name, []).append(text)
-    names = dict.fromkeys(name for one in found for name in one)
-    rows = []
-    for key in sorted(values):
-        # Where runs of a study differ among themselves, all its values.
-        told = {name: " / ".join(dict.fromkeys(values[key].get(name, [""]))) for name in names}
-        if len({*told.values()}) > 1:
-            rows.append({"setting": key} | told)
+        told.append(own.drop([*_WHICH], errors="ignore").map(_as_text).rename(name))
+    # Where runs of a study differ among themselves, all its values.
+    by_name = pd.DataFrame(told).groupby(level=0, sort=False)
+    settings = by_name.agg(lambda own: " / ".join(own.dropna().unique())).T.sort_index()
+    differing = settings[settings.nunique(axis=1) > 1].reset_index(names="setting")
     note = "Empty: a setting that did not exist when the run was made."
-    return Table.of("settings", "What differs", rows, note)
+    return Table.of("settings", "What differs", differing.to_dict("records"), note)
+
+
+def _as_text(value: Any) -> str:
+    """A setting; a program is shown by its length."""
+    lines = str(value).count("\n")
+    return f"{lines} lines" if lines else str(value)
 
 
 def comparison_chart(one: Comparison) -> Figure:
