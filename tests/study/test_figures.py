@@ -62,9 +62,6 @@ def test_many_curves_are_grouped_as_in_the_paper(tmp_path):
         ("Depth and segmentation", 6),
         ("Others", 1),
     ]
-    for axes in panels:
-        colours = [line.get_color() for line in axes.lines]
-        assert len(set(colours)) == len(colours)
 
 
 def test_a_curve_ends_at_the_mean_of_its_last_buffers_with_students_interval(study):

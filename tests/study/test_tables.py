@@ -1,7 +1,6 @@
 """Tables: what is in them, and how numbers are written."""
 
 import json
-import shutil
 
 import numpy as np
 import pandas as pd
@@ -199,4 +198,3 @@ def test_predictions_are_held_against_the_commonest_reward(tmp_path):
     assert own.main_reward == "expert"
     rows = rows_of(agreements(own))
     assert ("claude", "measured") in {(r["prediction"], r["against"]) for r in rows if r["tau-b"]}
-    shutil.rmtree(tmp_path / "main")
