@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from needlehoop.learning.networks import Agent
     from needlehoop.runs.run import Run
 
-_OF_POLICY = {"policy": str | None, "seed": Seed | None, "video_episodes": Count}
+_OF_POLICY = {"policy": str | None, "video_episodes": Count}
 """Types of the keys of commands that show an agent."""
 
 
@@ -61,8 +61,8 @@ def evaluate(options: argparse.Namespace) -> None:
     from needlehoop.runs.run import Run
 
     run = Run.open(options.run_folder)
-    kinds = {"as": str | None, "episodes": Count | None, "video": bool, **_OF_POLICY}
-    own, words = beside_a_run(options, "evaluate", **kinds)
+    kinds = {"as": str | None, "video": bool, **_OF_POLICY}
+    own, words = beside_a_run(options, "evaluate", episodes=Count | None, seed=Seed | None, **kinds)
     name = vars(own)["as"]
     if name is not None:
         check_name("as", name)
@@ -125,7 +125,8 @@ def watch(options: argparse.Namespace) -> None:
     options.overrides = [word for word in options.overrides if "=" in word]
     task = ["", *typed(options.overrides, "task")][-1]
     run = Run.open(Path(folders[0]) if folders else agent_of(task))
-    own, words = beside_a_run(options, "watch", episodes=Count, out=str, **_OF_POLICY)
+    kinds = {"episodes": Count, "out": str, **_OF_POLICY}
+    own, words = beside_a_run(options, "watch", seed=Seed | None, **kinds)
     out = new_file(own.out, ".mp4", overwrite=True)
     job, agent, found, lines = _flown(run, own, words, "watch", later=1)
     del found["steps_trained"]
@@ -155,9 +156,9 @@ def stress(options: argparse.Namespace) -> None:
 
     who = Path(options.who)
     kinds = {"axes": strict.Names, "levels": Levels, "severities": tuple[Count, ...]}
-    kinds |= {"seed": Seed | None, "threads": Number, "out": str | None}
+    kinds |= {"threads": Number, "out": str | None}
     kinds |= dict.fromkeys(("together", "episodes", "num_envs"), Count)
-    asked, conditions = beside_a_run(options, "stress", **kinds)
+    asked, conditions = beside_a_run(options, "stress", seed=Seed | None, **kinds)
     if asked.out is None and (conditions or not who.is_dir()):
         raise ValueError(
             "out: stress.csv in a run's folder is of the run's own conditions; name another file,"

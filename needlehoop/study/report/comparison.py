@@ -106,7 +106,7 @@ def differences(found: Sequence[Comparison]) -> Table:
     # Where runs of a study differ among themselves, all its values.
     by_name = pd.DataFrame(told).groupby(level=0, sort=False)
     settings = by_name.agg(lambda own: " / ".join(own.dropna().unique())).T.sort_index()
-    differing = settings[settings.nunique(axis=1) > 1].reset_index(names="setting")
+    differing = settings[settings.nunique(axis=1) > 1].rename_axis("setting").reset_index()
     note = "Empty: a setting that did not exist when the run was made."
     return Table.of("settings", "What differs", differing.to_dict("records"), note)
 

@@ -6,7 +6,7 @@ import json
 import time
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from statistics import median, mode
@@ -64,9 +64,8 @@ def standings(study: Study, ends: Ends) -> list[Standing]:
     minutes (or for five buffers, if that is longer): killed, or gone with its machine.
     """
     runs = {run.place: run for run in study.runs}
-    pairs = {(place.cameras, place.reward) for place in runs}
     seeds = {place.seed for place in runs}
-    expected = {Place(*pair, seed) for pair, seed in product(pairs, seeds)} | ends.keys()
+    expected = {replace(one, seed=seed) for one, seed in product(runs, seeds)} | ends.keys()
     rates = {run.place: rate for run in study.runs if (rate := _rate(run))}
     usual = median(rates.values()) if rates else None
     plan = mode(run.planned_steps for run in study.runs) if runs else 0
