@@ -187,6 +187,8 @@ def _flown(
 
     If no seed was typed, it is ``later`` than that of the run's own evaluation by so many.
     """
+    # What this refuses does not wait for the agent.
+    changing.check(conditions, run.config(), command)
     import torch
 
     from needlehoop.learning.evaluate import assess, load_agent, report, told_policy, which_policy

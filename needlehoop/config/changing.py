@@ -47,8 +47,7 @@ def changed(
     changed.
     """
     given, before = list(words), deepcopy(dict(recorded))
-    tops = {_top(word) for word in given} - {"conf_dir"}
-    _check(tops, recorded, command)
+    tops = check(given, recorded, command)
     if not tops:
         return before, {}
     if newer := tops - {*recorded}:
@@ -86,8 +85,9 @@ def changed(
     }
 
 
-def _check(tops: set[str], recorded: Mapping[str, Any], command: str | None) -> None:
-    """Raises ``ValueError`` for the first part of a key that may not be changed."""
+def check(words: Iterable[str], recorded: Mapping[str, Any], command: str | None) -> set[str]:
+    """The first parts of the words' keys; ``ValueError`` for one that may not be changed."""
+    tops = {_top(word) for word in words} - {"conf_dir"}
     valid = {"views", "renderings", *_keys("env")} - _NO_CONDITIONS
     for top in sorted(tops - valid):
         if top in _SEEN:
@@ -97,6 +97,7 @@ def _check(tops: set[str], recorded: Mapping[str, Any], command: str | None) -> 
             )
         known = {*(_keys(command) if command else []), *valid}
         raise ValueError(f"{top}: unknown key; choose from {', '.join(sorted(known))}")
+    return tops
 
 
 def _set(values: dict[str, Any], word: str) -> None:
