@@ -30,7 +30,7 @@ from analysis.protocol import (
     sets_table,
     traits_table,
 )
-from analysis.runs import runs_of, stress_of
+from analysis.runs import STRESS, runs_of, stress_of
 from analysis.verdicts import verdicts_table
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.study.data import paper
@@ -67,8 +67,8 @@ PEGS, NEEDLE = "protocol_peg_transfer", "success with the needle"
 SURVIVED = "survival"
 """Runs of the first round of Q1, with their stress tests."""
 
-MOUNTED = "operating_room"
-"""Runs with cameras on an instrument or an endoscope."""
+MOUNTED, MOUNTED_PEGS = "operating_room", "operating_room_pegs"
+"""Runs with cameras on an instrument or an endoscope; and those of another task."""
 
 PAIRS = "placement_pairs"
 """Two of the cameras at random places."""
@@ -238,6 +238,8 @@ _EVIDENCE: Mapping[str, Callable[[], pd.DataFrame]] = {
     "mounted_predictions": lambda: instruments.predictions_table(
         mounted_predictions(), runs(MOUNTED)
     ),
+    "mounted_pegs": lambda: sets_table(runs(MOUNTED_PEGS), "placed"),
+    "mounted_axes": lambda: survival.axes_table(pd.read_csv(RESULTS / MOUNTED / STRESS)),
     "protocol": lambda: sets_table(runs("protocol")),
     "protocol_best": lambda: best_table(runs("protocol")),
     "protocol_traits": lambda: traits_table(runs("protocol")),
