@@ -1,4 +1,4 @@
-"""Pictures of the scene, and sheets of every camera and every disturbance."""
+"""Pictures of the scene: a portrait, and sheets of every camera and every disturbance."""
 
 from __future__ import annotations
 
@@ -51,6 +51,14 @@ class Photographer:
         frame = self._tracer.render(fields)[PICTURE]
         assert frame.bgra is not None
         return frame.bgra[0, ..., [2, 1, 0]].numpy()
+
+
+def portrait(settings: Settings, size: int) -> Image.Image:
+    """The start of an episode from the ``picture`` camera, ``size`` px wide; for notebooks."""
+    simulation = build(replace(settings, num_envs=1, cams=()))
+    simulation.reset()
+    engine = simulation.engine
+    return Image.fromarray(Photographer(engine.model, size)(engine.data(0)))
 
 
 def to_rgb(image: np.ndarray, rendering_depth: str) -> np.ndarray:
