@@ -7,6 +7,7 @@ error and exit status 2; a command that judges something says no with exit statu
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 
@@ -40,9 +41,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         elif rest:
             raise ValueError(f"{rest[0]!r} is not understood; it takes one study")
         status = command.run(options)
+        # Here, and not when Python ends, which would show a trace if nobody reads any more.
+        print(end="", flush=True)
     except KeyboardInterrupt:
         print(f"needlehoop {options.command}: stopped", file=sys.stderr)
         return 130
+    except BrokenPipeError:
+        # As `needlehoop tasks | head` ends: the reader has gone, and nothing more is printed.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
     except (ValueError, RuntimeError, OSError, MemoryError) as error:
         print(printable(f"needlehoop {options.command}: {error}"), file=sys.stderr)
         return 2

@@ -1,6 +1,9 @@
 """The commands, as typed."""
 
 import inspect
+import os
+import subprocess
+import sys
 
 import imageio.v2 as imageio
 import numpy as np
@@ -138,3 +141,17 @@ def test_the_expert_grasps_as_it_is_told(capsys, words, columns):
     _, heads, episodes, *_ = capsys.readouterr().out.splitlines()
     assert heads.split() == columns
     assert episodes.split() == ["episodes", *["2"] * len(columns)]
+
+
+def test_a_reader_that_goes_ends_a_command_without_a_word():
+    """As ``needlehoop tasks | head`` does."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        [sys.executable, "-m", "needlehoop.cli.main", "tasks"],
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (141, "")
