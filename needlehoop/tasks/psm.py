@@ -244,9 +244,12 @@ def hold(
     if rules.grasp == "friction":
         kept = kept & (one | two)
     stopped = one & two & (readings["jaw"] > command)
-    blades = (readings["wrist_pos"], readings["tool_quat"], readings["jaw"])
-    between = (outside_jaws(*blades, points) == 0).any(1)
-    held = kept | (stopped & (command < rules.close_below) & between)
+    caught = ~kept & stopped & (command < rules.close_below)
+    # Points are many, and steps in which something may be grasped are few.
+    if bool(caught.any()):
+        blades = (readings["wrist_pos"], readings["tool_quat"], readings["jaw"])
+        caught = caught & (outside_jaws(*blades, points) == 0).any(1)
+    held = kept | caught
     if rules.grasp == "friction":
         return held, {}
     inverse = geo.conjugate(readings["wrist_quat"])
