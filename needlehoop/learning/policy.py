@@ -78,19 +78,25 @@ def read_actor(path: Path, spec: PolicySpec, device: torch.device) -> Actor:
     plain = replace(spec, precision=PRECISION)
     with torch.device("meta"):
         shapes = Actor(plain, plain.trunk(torch.device("cpu")))
-    read_weights(path, shapes)
+    state = _state(path)
+    with fitting(str(path)):
+        shapes.load_state_dict({name: one.to("meta") for name, one in state.items()})
     actor = Actor(spec, spec.trunk(device))
-    read_weights(path, actor)
+    with fitting(str(path)):
+        actor.load_state_dict(state)
     return actor.to(device)
 
 
 def read_weights(path: Path, actor: Actor) -> None:
     """Put a file's weights into a policy of its run; errors as in ``read_spec``."""
-    place = next(actor.parameters()).device
-    with _opened(path):
-        state = {name: one.to(place) for name, one in load_file(path).items()}
+    state = _state(path)
     with fitting(str(path)):
         actor.load_state_dict(state)
+
+
+def _state(path: Path) -> dict[str, Tensor]:
+    with _opened(path):
+        return load_file(path)
 
 
 @contextmanager
