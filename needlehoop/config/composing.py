@@ -49,13 +49,19 @@ def prepare(
 
     Also registers the options that are no files. A run decides its ``task`` and ``task_dir``.
     ``cams=a,b`` becomes ``cams=[a,b]``, which Hydra takes for one value; under ``-m`` a comma list
-    stays a sweep. Raises ``ValueError`` for a ``conf_dir`` or ``task_dir`` that is no such folder.
+    stays a sweep. Raises ``ValueError`` for a ``conf_dir`` or ``task_dir`` that is no such folder,
+    or a camera that is named twice.
     """
     rest, folders = options.part(words)
     folders += [] if task_dir is None else [Path(task_dir) / "conf"]
     options.register(rest, [CONF, *folders], task)
     if not {"-m", "--multirun"} & {*rest}:
         rest = [_LISTS.sub(r"\1[\2]", word) if _LISTS.fullmatch(word) else word for word in rest]
+    for text in options.typed(rest, "cams"):
+        names = re.findall(r"\w+", text)
+        # Hydra would take it once; several brackets are the lists of a sweep.
+        if text.count("[") == 1 and len({*names}) < len(names):
+            raise ValueError(f"cams: {text} names one twice")
     places = ",".join(options.in_quotes(f"file://{folder}") for folder in folders)
     return [*([f"hydra.searchpath=[{places}]"] if places else []), *rest], folders
 

@@ -38,6 +38,7 @@ UNKNOWN = ("rgb_top", "[rgb_front,rgb_top]")
 BAD = [
     # override, then what the message has to say: the key, and what would be valid.
     *((f"cams={wrong}", ["cams/", wrong.strip("[]").split(",")[-1], CAMERAS]) for wrong in UNKNOWN),
+    ("cams=[rgb_front,seg_side,rgb_front]", ["cams", "rgb_front", "twice"]),
     ("reward=nope", ["reward", "nope", "human", "sparse"]),
     ("task=nope", ["task", "nope", "near", "standard", "wide"]),
     ("episode.grasp=glue", ["episode.grasp", "glue", "weld, friction"]),
