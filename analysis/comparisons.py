@@ -68,9 +68,9 @@ def claims(findings: StudyFindings, measure: str) -> dict[Claim, Estimated]:
     runs = findings.by_set(measure)
     names = [*runs]
     values = np.concatenate([*runs.values()])
-    of_set = np.repeat(np.arange(len(names)), [len(own) for own in runs.values()])
+    of_set = np.repeat(np.arange(len(names)), [len(group) for group in runs.values()])
     fit = sm.OLS(values, np.eye(len(names))[of_set]).fit()
-    found = {}
+    differences = {}
     for claim in CLAIMS:
         sets = (*claim.better, *claim.worse)
         if not {*sets} <= {*names}:
@@ -82,8 +82,8 @@ def claims(findings: StudyFindings, measure: str) -> dict[Claim, Estimated]:
         if min(len(runs[name]) for name in sets) >= _LEAST:
             low, high = fit.t_test(weights).conf_int()[0]
             interval = Interval(float(low), float(high))
-        found[claim] = Estimated(float(weights @ fit.params), interval)
-    return found
+        differences[claim] = Estimated(float(weights @ fit.params), interval)
+    return differences
 
 
 WRITERS = {
@@ -98,19 +98,19 @@ def writers_table(runs: pd.DataFrame) -> pd.DataFrame:
     """Each writer's runs, and what they add to the human reward's (Welch's interval)."""
     human = runs[runs["reward"] == paper.HUMAN]["success"].tolist()
     rows = []
-    for name, said in WRITERS.items():
-        own = runs[runs["reward"] == name]
-        successes, added = own["success"].tolist(), None
+    for name, writer in WRITERS.items():
+        group = runs[runs["reward"] == name]
+        successes, added = group["success"].tolist(), None
         if name != paper.HUMAN and len(successes) >= ENOUGH:
             added = more(successes, human)
         rows.append(
             {
-                "who wrote it": said,
+                "who wrote it": writer,
                 "threaded by run, %": percent(successes),
                 "mean (95 %), %": percent(share(successes)),
                 "more than human, points (95 %)": written(added, "+.0f", 100.0),
-                "sampled, %": percent(float(np.mean(own["sampled"]))),
-                "cheat, %": percent(float(np.mean(own["cheat"]))),
+                "sampled, %": percent(float(np.mean(group["sampled"]))),
+                "cheat, %": percent(float(np.mean(group["cheat"]))),
             }
         )
     return pd.DataFrame(rows)

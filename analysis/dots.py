@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from needlehoop.study.render.style import COLOURS, FAINT, new_figure
 
 
-def of_hundred(axes: Axes, said: str = "threaded, of 100") -> None:
+def of_hundred(axes: Axes, label: str = "threaded, of 100") -> None:
     """An axis for shares of 100, with lines to read them by."""
     axes.set_xlim(-2, 102)
-    axes.set_xlabel(said)
+    axes.set_xlabel(label)
     axes.grid(axis="x", color=FAINT, alpha=0.25, linewidth=0.5)
 
 
@@ -31,10 +31,10 @@ def trainings_figure(
     figure, ((axes,),) = new_figure(height * len(rows) + 16)
     for row, groups in enumerate(rows.values()):
         for number, (kind, shares) in enumerate(groups.items()):
-            own, colour = 100 * np.array(shares), COLOURS[kinds.index(kind)]
+            points, colour = 100 * np.array(shares), COLOURS[kinds.index(kind)]
             place = row + 0.22 * ((len(groups) - 1) / 2 - number)
-            axes.plot(own, [place] * len(own), "o", markersize=3, color=colour, alpha=0.6)
-            axes.plot(own.mean(), place, "|", markersize=8, markeredgewidth=1.6, color=colour)
+            axes.plot(points, [place] * len(points), "o", markersize=3, color=colour, alpha=0.6)
+            axes.plot(points.mean(), place, "|", markersize=8, markeredgewidth=1.6, color=colour)
     axes.set_yticks(range(len(rows)), [*rows])
     of_hundred(axes, "threaded, of 100\n(dot: a training, bar: the mean)")
     for number, kind in enumerate(kinds):

@@ -80,9 +80,9 @@ _PROTOCOLS = {"0.5 M": "fast", "1.5 M": "table2"}
 """Studies that stand beside each other on the page, by how many steps their agents train."""
 
 _MEASURED = {
-    f"{steps}{said}": (study, truth)
+    f"{steps}{suffix}": (study, truth)
     for steps, study in _PROTOCOLS.items()
-    for truth, said in ((MEASURED, ""), (TRAINING, ", over training"))
+    for truth, suffix in ((MEASURED, ""), (TRAINING, ", over training"))
 } | {"the paper's": ("table2", PAPERS_MEASURED)}
 """What predictions are held against: a column's name, the study, and what of it was measured."""
 
@@ -97,8 +97,8 @@ def refilled(name: str, page: str) -> str:
     """A page of ``TABLES`` with today's tables; ``ValueError`` if one has no place in it."""
     for marker, table in TABLES[name].items():
         head = f"<!-- {marker} -->\n"
-        before, found, after = page.partition(head)
-        if not found:
+        before, separator, after = page.partition(head)
+        if not separator:
             raise ValueError(f"{name}: no table {marker}")
         _, end, after = after.partition("\n\n")
         page = before + head + Table(marker, "", table()).markdown() + end[1:] + after
@@ -125,9 +125,9 @@ def camera_predictions() -> list[Prediction]:
 
 def peg_predictions() -> list[Prediction]:
     """Who predicted the same camera sets for the peg transfer: a model, and the needle's runs."""
-    ranked = pd.read_csv(RECORDINGS / "claude_peg_transfer" / "rankings.csv")
+    table = pd.read_csv(RECORDINGS / "claude_peg_transfer" / "rankings.csv")
     orders = [
-        dict(zip(own["cameras"], -own["place"], strict=True)) for _, own in ranked.groupby("list")
+        dict(zip(rows["cameras"], -rows["place"], strict=True)) for _, rows in table.groupby("list")
     ]
     needle = scored(NEEDLE, means(runs("protocol")), paper.lists().values())
     return [Prediction("claude", {frozenset(order): order for order in orders}), needle]
@@ -150,39 +150,39 @@ def _results() -> pd.DataFrame:
     That is the paper's protocol as far as it has been run, and the paper's own returns. Success is
     given seed by seed: two seeds of one set can be far apart.
     """
-    longer, theirs = {one.cameras: one for one in study("table2").ranked}, paper.measured()
+    longer, published = {one.cameras: one for one in study("table2").ranked}, paper.measured()
     rows = []
-    for one in study("fast").ranked:
+    for result in study("fast").ranked:
         row = {
-            "cameras": one.cameras,
-            "threaded, %": percent(one.middle(SUCCESS)),
-            "by seed": percent(one.values(SUCCESS)),
-            "return": written(one.middle(RETURN)),
-            "over training": written(one.middle(TRAINING)),
-            "cheat, %": percent(one.middle(CHEAT)),
+            "cameras": result.cameras,
+            "threaded, %": percent(result.middle(SUCCESS)),
+            "by seed": percent(result.values(SUCCESS)),
+            "return": written(result.middle(RETURN)),
+            "over training": written(result.middle(TRAINING)),
+            "cheat, %": percent(result.middle(CHEAT)),
         }
-        end = longer.get(one.cameras)
+        end = longer.get(result.cameras)
         row["1.5 M: threaded, %"] = percent(end and end.middle(SUCCESS))
         row["1.5 M: return"] = written(end and end.middle(RETURN))
         row["1.5 M: over training"] = written(end and end.middle(TRAINING))
-        row["the paper's return"] = written(theirs.get(one.cameras))
+        row["the paper's return"] = written(published.get(result.cameras))
         rows.append(row)
     return pd.DataFrame(rows)
 
 
 def _claims() -> pd.DataFrame:
-    found = {
-        f"{steps}: {said} (95 %)": claims(study(name), measure)
+    columns = {
+        f"{steps}: {label} (95 %)": claims(study(name), measure)
         for steps, name in _PROTOCOLS.items()
-        for measure, said in _OVER_TRAINING.items()
+        for measure, label in _OVER_TRAINING.items()
     }
     rows = [
         {
             "the paper says": claim.text,
             "its returns": "{:.2f} / {:.2f}".format(*claim.published),
-            **{column: written(own.get(claim), "+.2f") for column, own in found.items()},
+            **{column: written(values.get(claim), "+.2f") for column, values in columns.items()},
         }
-        for claim in next(iter(found.values()))
+        for claim in next(iter(columns.values()))
     ]
     return pd.DataFrame(rows)
 
@@ -192,19 +192,19 @@ def _predictions() -> pd.DataFrame:
 
     The protocol's runs predict them, too.
     """
-    found: dict[str, dict[str, str]] = {}
+    cells: dict[str, dict[str, str]] = {}
     imitated = scored(IMITATED, means(runs("protocol")), paper.lists().values())
     for column, (name, truth) in _MEASURED.items():
         measured = study(name).truths[truth]
-        given = [*study(name).predictions_of(truth), imitated]
-        for who, lists in predicted(given).items():
-            tau, p, lost = held(who, lists, measured)
+        rankings = [*study(name).predictions_of(truth), imitated]
+        for source, lists in predicted(rankings).items():
+            tau, p, lost = held(source, lists, measured)
             told = (written(tau), "" if p is None else f"p {p_value(p)}", f"loses {lost:.2f}")
-            found.setdefault(who, {})[column] = ", ".join(filter(None, told))
-    ordered = [who for who in found if who not in (RULE, RANDOM)] + [RULE, RANDOM]
+            cells.setdefault(source, {})[column] = ", ".join(filter(None, told))
+    ordered = [source for source in cells if source not in (RULE, RANDOM)] + [RULE, RANDOM]
     rows = [
-        {"prediction": who} | {column: found[who].get(column, "") for column in _MEASURED}
-        for who in ordered
+        {"prediction": source} | {column: cells[source].get(column, "") for column in _MEASURED}
+        for source in ordered
     ]
     return pd.DataFrame(rows)
 
@@ -215,10 +215,10 @@ def _rewards() -> pd.DataFrame:
     shares = (SUCCESS, BEST, CHEAT, SUCCESS_OVER_TRAINING)
     rows = []
     for reward in sorted({reward for reward, _ in results}, key=reward_order):
-        own = [results[reward, cameras] for cameras in _REWARDED]
-        row = {f"{name}, %": percent([one.middle(name) for one in own]) for name in shares}
-        row[HUMAN_POINTS] = written([one.middle(HUMAN_POINTS) for one in own])
-        row[TO_SOON] = ", ".join(result_row(one)[TO_SOON] for one in own)
+        group = [results[reward, cameras] for cameras in _REWARDED]
+        row = {f"{name}, %": percent([one.middle(name) for one in group]) for name in shares}
+        row[HUMAN_POINTS] = written([one.middle(HUMAN_POINTS) for one in group])
+        row[TO_SOON] = ", ".join(result_row(one)[TO_SOON] for one in group)
         order = [*map("{}, %".format, shares[:2]), HUMAN_POINTS, *map("{}, %".format, shares[2:])]
         rows.append({"reward": reward_label(reward)} | {key: row[key] for key in (*order, TO_SOON)})
     return pd.DataFrame(rows)

@@ -32,7 +32,7 @@ MARGIN = 0.05
 
 def views_of(cameras: str) -> str:
     """The views of a camera set, such as ``ecm_left+wrist``."""
-    return "+".join(one.partition("_")[2] for one in cameras.split("+"))
+    return "+".join(camera.partition("_")[2] for camera in cameras.split("+"))
 
 
 def rendering_of(cameras: str) -> str:
@@ -49,11 +49,11 @@ def _successes(runs: pd.DataFrame, views: str, rendering: str) -> list[float]:
 def views_table(runs: pd.DataFrame) -> pd.DataFrame:
     """Q7's sets of views, the best first: mean success in each rendering, and of all."""
     rows = []
-    for views, said in VIEWS.items():
-        own = {name: _successes(runs, views, name) for name in RENDERINGS}
-        mean = float(np.mean([np.mean(values) for values in own.values()]))
-        row = {"views": f"{said} (`{views}`)"}
-        for name, values in own.items():
+    for views, label in VIEWS.items():
+        successes = {name: _successes(runs, views, name) for name in RENDERINGS}
+        mean = float(np.mean([np.mean(values) for values in successes.values()]))
+        row = {"views": f"{label} (`{views}`)"}
+        for name, values in successes.items():
             row[f"{RENDERINGS[name]}: threaded (95 %), %"] = percent(share(values))
         rows.append((mean, row | {"mean, %": percent(mean)}))
     return pd.DataFrame([row for _, row in sorted(rows, key=lambda pair: -pair[0])])
@@ -62,20 +62,20 @@ def views_table(runs: pd.DataFrame) -> pd.DataFrame:
 def questions_table(runs: pd.DataFrame) -> pd.DataFrame:
     """Q7's questions: what a set of views gains over another, and the protocol's verdict."""
     rows = []
-    for said, views in (
+    for question, views in (
         ("one camera on the instrument is enough", "wrist"),
         ("the endoscope is enough", "ecm_left+ecm_right"),
     ):
-        found = {
+        gains = {
             name: more(_successes(runs, views, name), _successes(runs, "front+side", name))
             for name in RENDERINGS
         }
         enough = sum(
-            one.interval is not None and one.interval.low > -MARGIN for one in found.values()
+            gain.interval is not None and gain.interval.low > -MARGIN for gain in gains.values()
         )
-        row = {"question": f"{said} (`{views}` less `front+side`)"}
-        row |= {f"{RENDERINGS[name]}, points (95 %)": _points(one) for name, one in found.items()}
-        told = _verdict(enough >= 2, *found.values())
+        row = {"question": f"{question} (`{views}` less `front+side`)"}
+        row |= {f"{RENDERINGS[name]}, points (95 %)": _points(gain) for name, gain in gains.items()}
+        told = _verdict(enough >= 2, *gains.values())
         rows.append(row | {"all, points (95 %)": "", "verdict": told})
     pair, alone = (
         {name: _successes(runs, views, name) for name in RENDERINGS}
@@ -93,8 +93,8 @@ def questions_table(runs: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _verdict(is_so: bool, *found: Estimated) -> str:
-    if any(one.interval is None for one in found):
+def _verdict(is_so: bool, *gains: Estimated) -> str:
+    if any(gain.interval is None for gain in gains):
         return "too few seeds"
     return "yes" if is_so else "no"
 
@@ -103,11 +103,11 @@ def _centred(
     values: Mapping[str, Sequence[float]], around: Mapping[str, Sequence[float]]
 ) -> list[float]:
     """All runs, less the mean that ``around`` has in their rendering."""
-    return [one - float(np.mean(around[name])) for name, own in values.items() for one in own]
+    return [run - float(np.mean(around[name])) for name, runs in values.items() for run in runs]
 
 
-def _points(found: Estimated) -> str:
-    return written(found, "+.0f", 100.0)
+def _points(gain: Estimated) -> str:
+    return written(gain, "+.0f", 100.0)
 
 
 def model_scores(recording: Path) -> dict[str, dict[str, float]]:
@@ -125,7 +125,7 @@ def probe_scores(folder: Path) -> dict[str, dict[str, float]]:
 
 def _by_rendering(scores: Mapping[str, float]) -> dict[str, dict[str, float]]:
     return {
-        name: {one: score for one, score in scores.items() if rendering_of(one) == name}
+        name: {cams: score for cams, score in scores.items() if rendering_of(cams) == name}
         for name in RENDERINGS
     }
 
@@ -136,15 +136,15 @@ def predictions_table(
     """How well each prediction of the six sets agrees with success: τ-b, and what it loses."""
     measured = means(runs)
     rows = []
-    for who, lists in predictions.items():
+    for source, lists in predictions.items():
         taus, losses = [], []
-        for own in lists.values():
-            truth = np.array([measured[name] for name in own])
-            given = np.array([*own.values()])
-            taus.append(float(kendalltau(given, truth).statistic))
-            losses.append(float(truth.max() - truth[given == given.max()].mean()))
+        for scores in lists.values():
+            truth = np.array([measured[name] for name in scores])
+            predicted = np.array([*scores.values()])
+            taus.append(float(kendalltau(predicted, truth).statistic))
+            losses.append(float(truth.max() - truth[predicted == predicted.max()].mean()))
         names = [f"τ-b, {RENDERINGS[name]}" for name in lists]
-        row = {"prediction": who} | dict(zip(names, map(written, taus), strict=True))
+        row = {"prediction": source} | dict(zip(names, map(written, taus), strict=True))
         row["τ-b, mean"] = written(float(np.mean(taus)))
         rows.append(row | {"its first loses, points": written(float(np.mean(losses)), ".0f", 100)})
     return pd.DataFrame(rows)
@@ -153,9 +153,9 @@ def predictions_table(
 def views_figure(runs: pd.DataFrame) -> Figure:
     """A row for each set of views, a dot for each training, a colour for each rendering."""
     rows = {
-        said: {kind: _successes(runs, views, name) for name, kind in RENDERINGS.items()}
-        for views, said in VIEWS.items()
+        label: {kind: _successes(runs, views, name) for name, kind in RENDERINGS.items()}
+        for views, label in VIEWS.items()
     }
-    mean = {said: np.mean([np.mean(own) for own in row.values()]) for said, row in rows.items()}
-    ordered = {said: rows[said] for said in sorted(rows, key=mean.__getitem__)}
+    mean = {label: np.mean([np.mean(runs) for runs in row.values()]) for label, row in rows.items()}
+    ordered = {label: rows[label] for label in sorted(rows, key=mean.__getitem__)}
     return trainings_figure(ordered, [*RENDERINGS.values()], 8.0)

@@ -40,14 +40,14 @@ def _views() -> Mapping[str, View]:
 
 
 def scores(cameras: int = 1) -> pd.DataFrame:
-    """Of the sets of so many cameras: by the rules, and by the model that ranked them; higher is
+    """Scores of sets of so many cameras, by the rules and by the model that ranked them; higher is
     better. A rule's score of a pair is the mean of its cameras'."""
     answers = read_answers(RECORDINGS / "claude_placements", "rankings_sets.json")
     assert answers is not None
     single = pd.read_csv(RULES, index_col="camera")
     (places,) = (one.places for one in answers.rankings if _size(one.places) == cameras)
-    found = pd.DataFrame({name: single.loc[name.split("+")].mean() for name in places}).T
-    return found.assign(**{MODEL: -pd.Series(places)}).sort_index()
+    table = pd.DataFrame({name: single.loc[name.split("+")].mean() for name in places}).T
+    return table.assign(**{MODEL: -pd.Series(places)}).sort_index()
 
 
 def _size(names: Iterable[str]) -> int:
@@ -57,17 +57,17 @@ def _size(names: Iterable[str]) -> int:
 
 
 def single_scores() -> pd.DataFrame:
-    """Of the single cameras; with how near the front they stand, which was tried after the runs."""
-    found = scores()
-    return found.assign(**{FRONT: [-abs(_place_of(camera).azimuth) for camera in found.index]})
+    """Of single cameras; also how near the front they stand, a rule tried after the runs."""
+    table = scores()
+    return table.assign(**{FRONT: [-abs(_place_of(camera).azimuth) for camera in table.index]})
 
 
 def pair_scores(singles: pd.DataFrame) -> pd.DataFrame:
-    """Of the pairs; with the success of their cameras alone, and the angle between their views."""
-    found, measured = scores(2), means(singles)
-    pairs = [name.split("+") for name in found.index]
+    """Of pairs; also the success of their cameras alone, and the angle between their views."""
+    table, measured = scores(2), means(singles)
+    pairs = [name.split("+") for name in table.index]
     alone = [np.mean([measured[camera] for camera in pair]) for pair in pairs]
-    return found.assign(**{ALONE: alone, APART: [-abs(_apart(pair) - 90.0) for pair in pairs]})
+    return table.assign(**{ALONE: alone, APART: [-abs(_apart(pair) - 90.0) for pair in pairs]})
 
 
 def _place_of(camera: str) -> Orbit:
@@ -84,22 +84,22 @@ def _apart(pair: list[str]) -> float:
 
 
 def correlations(scores: pd.DataFrame, runs: pd.DataFrame) -> list[dict[str, str]]:
-    """Of each prediction (a column of ``scores``): who, Spearman's ρ with mean success by camera
-    set, how often a shuffled order agrees as well, and regret."""
+    """Of each prediction (a column of ``scores``): its name, Spearman's ρ with mean success by
+    camera set, how often a shuffled order agrees as well, and regret."""
     measured = pd.Series(means(runs))
     truth = measured.to_numpy()
     draw = np.random.default_rng(0)
     rows = []
-    for who in map(str, scores):
-        own = scores.loc[measured.index, who].to_numpy(float)
-        shuffled = draw.permuted(np.tile(own, (_DRAWS, 1)), axis=1)
-        (rho,) = _rho(own[None], truth[None])
+    for prediction in map(str, scores):
+        predicted = scores.loc[measured.index, prediction].to_numpy(float)
+        shuffled = draw.permuted(np.tile(predicted, (_DRAWS, 1)), axis=1)
+        (rho,) = _rho(predicted[None], truth[None])
         chance = (1 + np.sum(_rho(shuffled, truth[None]) >= rho - 1e-9)) / (1 + _DRAWS)
-        ends = Interval(*np.nanpercentile(_drawn(scores, who, runs), (2.5, 97.5)))
-        lost = float(truth.max() - truth[own == own.max()].mean())
+        ends = Interval(*np.nanpercentile(_drawn(scores, prediction, runs), (2.5, 97.5)))
+        lost = float(truth.max() - truth[predicted == predicted.max()].mean())
         rows.append(
             {
-                "prediction": who,
+                "prediction": prediction,
                 "ρ (95 %)": written(Estimated(float(rho), ends)),
                 "p": p_value(float(chance)),
                 "regret, points": percent(lost),
@@ -119,7 +119,7 @@ def predictions_table(scores: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
              "regret, points": percent(float(success.max() - success.mean()))}  # fmt: skip
     rows = pd.DataFrame([*correlations(scores, runs), blind]).fillna("")
     told = percent(float(np.mean(above)))
-    rows["above the best rule, %"] = [told if who == MODEL else "" for who in rows["prediction"]]
+    rows["above the best rule, %"] = [told if name == MODEL else "" for name in rows["prediction"]]
     return rows
 
 
@@ -129,16 +129,16 @@ def places_table(runs: pd.DataFrame) -> pd.DataFrame:
     places = (-scores(cameras)).rank(method="min").astype(int)
     rows = []
     for name in means(runs):
-        own, views = runs[runs["cameras"] == name], [_place_of(one) for one in name.split("+")]
-        told = {f"place by {who}": str(places.loc[name, who])
-                for who in (MODEL, PIXELS, HIDDEN, ELEVATION)}  # fmt: skip
+        group, views = runs[runs["cameras"] == name], [_place_of(cam) for cam in name.split("+")]
+        told = {f"place by {source}": str(places.loc[name, source])
+                for source in (MODEL, PIXELS, HIDDEN, ELEVATION)}  # fmt: skip
         rows.append(
             {
                 "camera" if cameras == 1 else "cameras": name,
                 "azimuth, °": written([view.azimuth for view in views], ".0f"),
                 "elevation, °": written([view.elevation for view in views], ".0f"),
-                "threaded by seed, %": percent(own["success"].tolist()),
-                "sampled, %": percent(float(np.mean(own["sampled"]))),
+                "threaded by seed, %": percent(group["success"].tolist()),
+                "sampled, %": percent(float(np.mean(group["sampled"]))),
                 **told,
             }
         )
@@ -147,21 +147,21 @@ def places_table(runs: pd.DataFrame) -> pd.DataFrame:
 
 def _rho(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Spearman's ρ of rows ``(k, n)``: ``(k,)``; NaN where a row is all on one level."""
-    a, b = (rankdata(one, axis=1) - (one.shape[1] + 1) / 2 for one in (a, b))
+    a, b = (rankdata(rows, axis=1) - (rows.shape[1] + 1) / 2 for rows in (a, b))
     with np.errstate(invalid="ignore"):
         return (a * b).sum(1) / np.sqrt((a**2).sum(1) * (b**2).sum(1))
 
 
-def _drawn(scores: pd.DataFrame, who: str, runs: pd.DataFrame) -> np.ndarray:
+def _drawn(scores: pd.DataFrame, prediction: str, runs: pd.DataFrame) -> np.ndarray:
     """ρ of a prediction with cameras drawn anew, and the runs of each, ``(k,)``. All predictions
     have the same draws."""
     draw = np.random.default_rng(1)
     names = [*means(runs)]
     groups = [runs[runs["cameras"] == name]["success"].to_numpy() for name in names]
-    drawn = np.stack([draw.choice(one, (_RESAMPLES, len(one))).mean(1) for one in groups], 1)
+    drawn = np.stack([draw.choice(group, (_RESAMPLES, len(group))).mean(1) for group in groups], 1)
     picked = draw.integers(len(names), size=drawn.shape)
-    own = scores.loc[names, who].to_numpy(float)
-    return _rho(own[picked], np.take_along_axis(drawn, picked, 1))
+    predicted = scores.loc[names, prediction].to_numpy(float)
+    return _rho(predicted[picked], np.take_along_axis(drawn, picked, 1))
 
 
 def places_figure(singles: pd.DataFrame, pairs: pd.DataFrame) -> Figure:
@@ -177,8 +177,8 @@ def places_figure(singles: pd.DataFrame, pairs: pd.DataFrame) -> Figure:
         dark = success / max(alone.values())
         axes.scatter([angle], [down], s=75, c=[dark], cmap="Blues", vmin=-0.4, vmax=1, linewidths=0)
         ink = "white" if dark > 0.45 else INK
-        said = f"{100 * success:.0f}"
-        axes.text(angle, down, said, ha="center", va="center", fontsize=5, color=ink)
+        label = f"{100 * success:.0f}"
+        axes.text(angle, down, label, ha="center", va="center", fontsize=5, color=ink)
     axes.set_title("one camera", loc="center", pad=10)
     axes.set_xlabel("threaded, of 100\n(from above, rings 30° apart)")
     # As in the scene: azimuth grows to the left of a viewer in front.
@@ -192,9 +192,9 @@ def places_figure(singles: pd.DataFrame, pairs: pd.DataFrame) -> Figure:
     order = [*both][::-1]
     better = [max(alone[camera] for camera in name.split("+")) for name in order]
     shown = (("both", [both[name] for name in order], 0), ("the better one alone", better, 1))
-    for said, values, colour in shown:
+    for label, values, colour in shown:
         across = [100 * value for value in values]
-        right.plot(across, range(len(order)), "o", markersize=3, color=COLOURS[colour], label=said)
+        right.plot(across, range(len(order)), "o", markersize=3, color=COLOURS[colour], label=label)
     right.set_yticks([])
     right.set_ylabel("20 random pairs")
     of_hundred(right)

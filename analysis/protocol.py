@@ -1,6 +1,6 @@
 """What the runs of docs/protocol.md say of Q1 (which cameras?) and Q2 (could it be predicted?).
 
-Of any task that has the paper's camera sets; so of Q5 (does it hold on another task?), too.
+They may be of any task with the paper's camera sets: Q5 asks whether it holds on another task.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ Scores = Mapping[str, float]
 def means(rows: pd.DataFrame, of: str = "success", by: str = "cameras") -> dict[str, float]:
     """Mean of a column by camera set, or by another column, the best first."""
     # Rounded, so that equal means are ties.
-    found = {str(name): round(float(np.mean(own[of])), 9) for name, own in rows.groupby(by)}
+    found = {str(name): round(float(np.mean(group[of])), 9) for name, group in rows.groupby(by)}
     return dict(sorted(found.items(), key=lambda pair: (-pair[1], pair[0])))
 
 
@@ -82,7 +82,7 @@ def _chance_above(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def sets_table(runs: pd.DataFrame, done: str = "threaded") -> pd.DataFrame:
     """Each camera set's runs, their mean, and the chance that one of the best set beats one."""
-    groups = {str(name): own for name, own in runs.groupby("cameras")}
+    groups = {str(name): group for name, group in runs.groupby("cameras")}
     order = [*means(runs)]
     best = groups[order[0]]["success"].tolist()
     rows = []
@@ -119,26 +119,26 @@ def traits_table(runs: pd.DataFrame) -> pd.DataFrame:
     ours = runs[runs["cameras"].isin(paper.measured())]
     sets = ours.groupby("cameras").mean(numeric_only=True).astype(float)
     table = {"what is added": [*TRAITS.values()]}
-    for outcome, said in (("success", "success"), ("sampled", "success of the sampled policy")):
+    for outcome, label in (("success", "success"), ("sampled", "success of the sampled policy")):
         fit = smf.ols(f"{outcome} ~ {' + '.join(TRAITS)}", sets).fit(cov_type="HC3", use_t=True)
-        found = fit.conf_int().assign(value=fit.params).loc[[*TRAITS]].to_numpy()
-        table[f"{said}, points (95 %)"] = [
+        terms = fit.conf_int().assign(value=fit.params).loc[[*TRAITS]].to_numpy()
+        table[f"{label}, points (95 %)"] = [
             written(Estimated(value, Interval(low, high)), "+.0f", 100.0)
-            for low, high, value in found
+            for low, high, value in terms
         ]
     return pd.DataFrame(table)
 
 
 def changes_table(runs: pd.DataFrame) -> pd.DataFrame:
     """What other renderings do in the views of a set of colour alone, and whether they differ."""
-    own = {str(name): one["success"].tolist() for name, one in runs.groupby("cameras")}
-    mean = {name: one for name, one in means(runs).items() if name in paper.measured()}
+    successes = {str(name): group["success"].tolist() for name, group in runs.groupby("cameras")}
+    mean = {name: value for name, value in means(runs).items() if name in paper.measured()}
     rows = [
         {
             "colour alone": colour,
             "instead": name,
             "adds, points": written(mean[name] - mean[colour], "+.0f", 100.0),
-            **beating(own[name], own[colour]),
+            **beating(successes[name], successes[colour]),
         }
         for colour in COLOUR
         for name in mean
@@ -150,7 +150,8 @@ def changes_table(runs: pd.DataFrame) -> pd.DataFrame:
 def mean_tau(lists: Sequence[Scores], measured: Scores) -> float:
     """Mean tau-b over lists of scores with what was measured."""
     taus = [
-        kendalltau([*own.values()], [measured[name] for name in own]).statistic for own in lists
+        kendalltau([*scores.values()], [measured[name] for name in scores]).statistic
+        for scores in lists
     ]
     return sum(taus) / len(taus)
 
@@ -162,8 +163,8 @@ def p_within_classes(lists: Sequence[Scores], measured: Scores) -> float:
     exact: it takes every order of every list with each of every other.
     """
     observed = mean_tau(lists, measured)
-    orders = [[mean_tau([one], measured) for one in _within_classes(own)] for own in lists]
-    every = [sum(taus) / len(taus) for taus in product(*orders)]
+    taus = [[mean_tau([order], measured) for order in _within_classes(scores)] for scores in lists]
+    every = [sum(pick) / len(pick) for pick in product(*taus)]
     return sum(tau >= observed - 1e-9 for tau in every) / len(every)
 
 
@@ -177,44 +178,45 @@ def _within_classes(scores: Scores) -> Iterator[dict[str, float]]:
 
 def regret(lists: Sequence[Scores], measured: Scores) -> float:
     """Success that choosing a list's first loses, mean over lists and over ties for first."""
-    return float(np.mean([agreement(own, {n: measured[n] for n in own}).regret for own in lists]))
+    regrets = [agreement(scores, {n: measured[n] for n in scores}).regret for scores in lists]
+    return float(np.mean(regrets))
 
 
 def predicted(predictions: Sequence[Prediction]) -> dict[str, list[Scores]]:
     """Scores by who predicts, list by list; of the rule and of no knowledge at all, too."""
     lists = [*paper.lists().values()]
-    found: dict[str, list[Scores]] = {
-        one.who: scores
-        for one in predictions
-        if all(scores := [one.lists.get(frozenset(names), {}) for names in lists])
+    by_source: dict[str, list[Scores]] = {
+        prediction.source: scores
+        for prediction in predictions
+        if all(scores := [prediction.lists.get(frozenset(names), {}) for names in lists])
     }
-    found[RULE] = [{name: float(is_two_sided(name)) for name in names} for names in lists]
-    found[RANDOM] = [dict.fromkeys(names, 0.0) for names in lists]
-    return found
+    by_source[RULE] = [{name: float(is_two_sided(name)) for name in names} for names in lists]
+    by_source[RANDOM] = [dict.fromkeys(names, 0.0) for names in lists]
+    return by_source
 
 
 def held(
-    who: str, lists: Sequence[Scores], measured: Scores
+    source: str, lists: Sequence[Scores], measured: Scores
 ) -> tuple[float | None, float | None, float]:
     """Mean tau-b, p within classes and regret; ``None`` where there is nothing to test."""
-    tau = None if who == RANDOM else mean_tau(lists, measured)
-    p = None if who in (RULE, RANDOM) else p_within_classes(lists, measured)
+    tau = None if source == RANDOM else mean_tau(lists, measured)
+    p = None if source in (RULE, RANDOM) else p_within_classes(lists, measured)
     return tau, p, regret(lists, measured)
 
 
 def predictions_table(predictions: Sequence[Prediction], measured: Scores) -> pd.DataFrame:
     """Each prediction of the paper's three lists beside the rule and a random choice."""
     rows = []
-    for who, lists in predicted(predictions).items():
-        tau, p, lost = held(who, lists, measured)
-        kind = "preregistered" if who in PREREGISTERED else "exploratory"
+    for source, lists in predicted(predictions).items():
+        tau, p, lost = held(source, lists, measured)
+        kind = "preregistered" if source in PREREGISTERED else "exploratory"
         rows.append(
             {
-                "prediction": who,
+                "prediction": source,
                 "τ-b": written(tau),
                 "p within classes": p_value(p),
                 "regret, points": written(lost, ".1f", 100.0),
-                "test": "" if who in (RULE, RANDOM) else kind,
+                "test": "" if source in (RULE, RANDOM) else kind,
             }
         )
     return pd.DataFrame(rows)
@@ -225,8 +227,8 @@ def sets_figure(runs: pd.DataFrame) -> Figure:
     kinds = ("front and side view", "one view")
     rows = {}
     for name in reversed(means(runs)):
-        own = runs.loc[runs["cameras"] == name, "success"].tolist()
-        rows[name] = {kinds[0 if is_two_sided(name) else 1]: own}
+        successes = runs.loc[runs["cameras"] == name, "success"].tolist()
+        rows[name] = {kinds[0 if is_two_sided(name) else 1]: successes}
     return trainings_figure(rows, kinds, 4.6)
 
 
@@ -234,11 +236,11 @@ def predictions_figure(predictions: Sequence[Prediction], measured: Scores) -> F
     """How well each preregistered prediction agrees with success, beside the line of the rule."""
     lists = predicted(predictions)
     shown = (*PREREGISTERED, RULE)
-    taus = [mean_tau(lists[who], measured) for who in shown]
-    losses = [100 * regret(lists[who], measured) for who in shown]
+    taus = [mean_tau(lists[source], measured) for source in shown]
+    losses = [100 * regret(lists[source], measured) for source in shown]
     figure, ((left, right),) = new_figure(38, 1, 2, sharey=True)
-    for axes, (*own, rule) in ((left, taus), (right, losses)):
-        axes.plot(own, range(len(own)), "o", markersize=4, color=COLOURS[1], clip_on=False)
+    for axes, (*values, rule) in ((left, taus), (right, losses)):
+        axes.plot(values, range(len(values)), "o", markersize=4, color=COLOURS[1], clip_on=False)
         axes.axvline(rule, color=FAINT, linestyle="--", linewidth=1, label="the rule")
         axes.grid(axis="x", color=FAINT, alpha=0.25, linewidth=0.5)
     left.set_yticks(range(len(PREREGISTERED)), PREREGISTERED)

@@ -18,7 +18,7 @@ def as_html(page: Path, beside: Path) -> str:
     """A page of docs/ as HTML that holds its pictures; links start from the folder ``beside``."""
     parser = MarkdownIt()
     tokens = parser.parse(page.read_text())
-    for inner in (one for token in tokens for one in token.children or ()):
+    for inner in (child for token in tokens for child in token.children or ()):
         if inner.type == "image":
             inner.attrSet("src", inline(page.parent / str(inner.attrGet("src"))))
         elif inner.type == "link_open":

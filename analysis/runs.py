@@ -33,7 +33,7 @@ RUNS, STRESS = "runs.csv", "stress.csv"
 
 def is_two_sided(cameras: str) -> bool:
     """Whether a camera set has a front and a side view."""
-    return {"front", "side"} <= {one.partition("_")[2] for one in cameras.split("+")}
+    return {"front", "side"} <= {camera.partition("_")[2] for camera in cameras.split("+")}
 
 
 def add(to: Path, studies: Sequence[Path]) -> None:
@@ -49,7 +49,7 @@ def add(to: Path, studies: Sequence[Path]) -> None:
         if not old + new:
             continue
         rows = pd.concat(old + new, ignore_index=True)
-        key = [one for one in (*RUN, "axis", "severity") if one in rows]
+        key = [column for column in (*RUN, "axis", "severity") if column in rows]
         rows = rows.drop_duplicates(key).sort_values(RUN, kind="stable")
         path.parent.mkdir(parents=True, exist_ok=True)
         rows.to_csv(path, index=False, float_format="%.5g")
@@ -64,14 +64,14 @@ def _key(run: Record) -> dict[str, Any]:
 
 
 def _run(run: Record) -> list[dict[str, Any]]:
-    found, end = run.evaluation, final(run)
-    assert found is not None
+    evaluation, end = run.evaluation, final(run)
+    assert evaluation is not None
     assert end is not None
-    shares = {name: found[name] for name in _SHARES if name in found}
+    shares = {name: evaluation[name] for name in _SHARES if name in evaluation}
     return [
         _key(run)
         | {"commit": run.manifest["commit"], "minutes": run.manifest["wall_time"] / 60}
-        | {"steps": found["steps_trained"], "sampled": found["success_sampled"], **shares}
+        | {"steps": evaluation["steps_trained"], "sampled": evaluation["success_sampled"], **shares}
         | {"over_training": end.measures.get(TRAINING)}
     ]
 
@@ -102,8 +102,8 @@ def stress_of(folder: Path) -> pd.DataFrame:
     """A row for each condition of each stress test, of seeds for which all sets were tested."""
     groups = pd.read_csv(folder / STRESS).groupby("disturb", sort=False)
     sets = len({*_compared(pd.read_csv(folder / RUNS))})
-    found = [_complete(own, sets) for _, own in groups]
-    return pd.concat(found, ignore_index=True)
+    tables = [_complete(group, sets) for _, group in groups]
+    return pd.concat(tables, ignore_index=True)
 
 
 def _complete(rows: pd.DataFrame, sets: int) -> pd.DataFrame:
@@ -119,8 +119,8 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(prog="python -m analysis.runs")
     parser.add_argument("to", type=Path, help="folder of the tables")
     parser.add_argument("studies", type=Path, nargs="+", help="folders of studies")
-    given = parser.parse_args()
+    options = parser.parse_args()
     try:
-        add(given.to, given.studies)
+        add(options.to, options.studies)
     except ValueError as error:
         parser.error(str(error))

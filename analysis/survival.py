@@ -23,12 +23,12 @@ def survival(stress: pd.DataFrame) -> pd.DataFrame:
     ``stress`` has a row for each condition, all of one severity but for the undisturbed.
     """
     axes = stress.query("axis not in (@NONE, @ALL)")
-    found = {
+    columns = {
         NONE: stress.query("axis == @NONE").set_index(RUN)["success"],
         "success": axes.groupby(RUN)["success"].mean(),
         ALL: stress.query("axis == @ALL").set_index(RUN)["success"],
     }
-    return pd.DataFrame(found).reset_index()
+    return pd.DataFrame(columns).reset_index()
 
 
 def sets_table(runs: pd.DataFrame, survived: pd.DataFrame) -> pd.DataFrame:
@@ -44,7 +44,7 @@ def sets_table(runs: pd.DataFrame, survived: pd.DataFrame) -> pd.DataFrame:
         "trained under moderate: all at once": means(trained, ALL),
     }
     rows = [
-        {"cameras": name} | {f"{said}, %": percent(own.get(name)) for said, own in columns.items()}
+        {"cameras": name} | {f"{key}, %": percent(mean.get(name)) for key, mean in columns.items()}
         for name in means(plain)
     ]
     return pd.DataFrame(rows)
@@ -53,7 +53,7 @@ def sets_table(runs: pd.DataFrame, survived: pd.DataFrame) -> pd.DataFrame:
 def axes_table(stress: pd.DataFrame) -> pd.DataFrame:
     """Mean success over camera sets by axis, the worst for agents trained undisturbed first."""
     plain, trained = (
-        means(stress.query(f"disturb == '{one}'"), by="axis") for one in (NONE, MODERATE)
+        means(stress.query(f"disturb == '{option}'"), by="axis") for option in (NONE, MODERATE)
     )
     rows = [
         {
@@ -72,9 +72,9 @@ def predictions_table(runs: pd.DataFrame, stress: pd.DataFrame) -> pd.DataFrame:
     The other seeds are those that were not tested: with them no run predicts itself. What costs
     most is shown by itself, too.
     """
-    others = runs.query("seed not in @stress.seed.tolist()")
-    scores = pd.DataFrame({"Q1": means(runs), "Q1, other seeds": means(others)})
-    plain, trained = (stress.query(f"disturb == '{one}'") for one in (NONE, MODERATE))
+    untested = runs.query("seed not in @stress.seed.tolist()")
+    scores = pd.DataFrame({"Q1": means(runs), "Q1, other seeds": means(untested)})
+    plain, trained = (stress.query(f"disturb == '{option}'") for option in (NONE, MODERATE))
     outcomes = {
         ("undisturbed", "mean over axes"): survival(plain),
         ("under moderate", "mean over axes"): survival(trained),
@@ -83,16 +83,16 @@ def predictions_table(runs: pd.DataFrame, stress: pd.DataFrame) -> pd.DataFrame:
     for axis in sorted(left, key=left.__getitem__)[:3]:
         outcomes["undisturbed", axis] = plain.query("axis == @axis")
     rows = [
-        {"trained": said, "tested under": under} | row
-        for (said, under), own in outcomes.items()
-        for row in correlations(scores, own)
+        {"trained": training, "tested under": under} | row
+        for (training, under), outcome in outcomes.items()
+        for row in correlations(scores, outcome)
     ]
     return pd.DataFrame(rows)
 
 
 def survival_figure(survived: pd.DataFrame) -> Figure:
     """A row for each camera set: undisturbed, and the mean over axes with either training."""
-    plain, trained = (survived.query("disturb == @one") for one in (NONE, MODERATE))
+    plain, trained = (survived.query("disturb == @option") for option in (NONE, MODERATE))
     shown = {
         "undisturbed": means(plain, NONE),
         "disturbed": means(plain),
@@ -101,14 +101,14 @@ def survival_figure(survived: pd.DataFrame) -> Figure:
     order = [*means(plain)][::-1]
     figure, ((axes,),) = new_figure(4.6 * len(order) + 22)
     styles = (("o", "none", FAINT), ("o", COLOURS[0], COLOURS[0]), ("D", COLOURS[1], COLOURS[1]))
-    for (said, values), (mark, face, edge) in zip(shown.items(), styles, strict=True):
+    for (label, values), (mark, face, edge) in zip(shown.items(), styles, strict=True):
         across = [100 * values[name] for name in order]
         axes.plot(
-            across, range(len(order)), mark, markersize=3.5, mfc=face, mec=edge, label=said,
+            across, range(len(order)), mark, markersize=3.5, mfc=face, mec=edge, label=label,
             clip_on=False,
         )  # fmt: skip
     for row, name in enumerate(order):
-        ends = [100 * shown[said][name] for said in ("undisturbed", "disturbed")]
+        ends = [100 * shown[label][name] for label in ("undisturbed", "disturbed")]
         axes.plot(ends, [row, row], color=FAINT, linewidth=0.8, zorder=0)
     axes.set_yticks(range(len(order)), order)
     of_hundred(axes, "threaded, of 100\n(disturbed: mean of 27 kinds)")

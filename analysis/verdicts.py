@@ -67,29 +67,29 @@ def verdicts_table(
     )
 
 
-def _successes(found: StudyFindings) -> dict[str, float]:
-    return {name: 100 * float(np.mean(own)) for name, own in found.by_set(SUCCESS).items()}
+def _successes(study: StudyFindings) -> dict[str, float]:
+    return {name: 100 * float(np.mean(shares)) for name, shares in study.by_set(SUCCESS).items()}
 
 
-def _pairs(found: StudyFindings) -> list[float]:
+def _pairs(study: StudyFindings) -> list[float]:
     """Success of the sets with a front and a side view."""
-    return [one for name, one in _successes(found).items() if is_two_sided(name)]
+    return [value for name, value in _successes(study).items() if is_two_sided(name)]
 
 
 def _range(values: Iterable[float]) -> str:
-    own = [*values]
-    low, high = min(own), max(own)
+    numbers = [*values]
+    low, high = min(numbers), max(numbers)
     return f"{low:.0f}" if round(low) == round(high) else f"{low:.0f} to {high:.0f}"
 
 
 def _extremes(success: dict[str, float]) -> Finding:
-    said = [one.places for one in paper.answers().rankings]
+    lists = [one.places for one in paper.answers().rankings]
     orders = [
-        (sorted(one, key=one.__getitem__), sorted(one, key=success.__getitem__)) for one in said
+        (sorted(one, key=one.__getitem__), sorted(one, key=success.__getitem__)) for one in lists
     ]
     first = sum(predicted[0] == measured[-1] for predicted, measured in orders)
     worst = sum(predicted[-1] == measured[0] for predicted, measured in orders)
-    n = len(said)
+    n = len(lists)
     return (
         f"by imitation, of {n} lists it names the best set in {first} and the worst in {worst}",
         HOLDS if first + worst == 2 * n else FAILS,
@@ -97,8 +97,8 @@ def _extremes(success: dict[str, float]) -> Finding:
 
 
 def _singles(fast: StudyFindings, long: StudyFindings, wrist: float) -> Finding:
-    alone = {name: one for name, one in _successes(long).items() if "+" not in name}
-    sooner = {name: one for name, one in _successes(fast).items() if name in alone}
+    alone = {name: value for name, value in _successes(long).items() if "+" not in name}
+    sooner = {name: value for name, value in _successes(fast).items() if name in alone}
     best = max(sooner, key=sooner.__getitem__)
     return (
         f"single cameras thread in {_range(alone.values())} of 100 by PPO; `{best}` in"
@@ -109,9 +109,9 @@ def _singles(fast: StudyFindings, long: StudyFindings, wrist: float) -> Finding:
 
 
 def _renderings(fast: StudyFindings, long: StudyFindings) -> Finding:
-    own = claims(fast, RETURN)
-    depth, labels = (own[CLAIMS[i]] for i in (1, 4))
-    lows = [one.interval.low if one.interval else -1.0 for one in (depth, labels)]
+    differences = claims(fast, RETURN)
+    depth, labels = (differences[CLAIMS[i]] for i in (1, 4))
+    lows = [gain.interval.low if gain.interval else -1.0 for gain in (depth, labels)]
     return (
         f"depth adds {written(depth, '+.1f')} points of return, segmentation"
         f" {written(labels, '+.1f')}, after 0.5 M steps; after 1.5 M every pair threads in"
@@ -132,8 +132,8 @@ def _best(success: dict[str, float], long: StudyFindings) -> Finding:
 def _writers(runs: pd.DataFrame) -> Finding:
     mean = means(runs, by="reward")
     text, image, human = (100 * mean[name] for name in ("vlm_text", "vlm_img", paper.HUMAN))
-    own = (runs[runs["reward"] == name]["success"].tolist() for name in ("vlm_img", "vlm_text"))
-    ends = more(*own).interval
+    pair = (runs[runs["reward"] == name]["success"].tolist() for name in ("vlm_img", "vlm_text"))
+    ends = more(*pair).interval
     return (
         f"`claude`'s rewards thread in {image:.0f} of 100 with an image and in {text:.0f} without,"
         f" the human one in {human:.0f}; five runs each, far apart",
@@ -142,18 +142,18 @@ def _writers(runs: pd.DataFrame) -> Finding:
 
 
 def _cheats(study: StudyFindings, runs: pd.DataFrame) -> Finding:
-    own = [100 * (one.middle(CHEAT) or 0.0) for one in study.results if one.reward == "vlm_text"]
+    cheats = [100 * (one.middle(CHEAT) or 0.0) for one in study.results if one.reward == "vlm_text"]
     claude = 100 * means(runs, of="cheat", by="reward")["vlm_text"]
     return (
         "under the paper's own text reward agents touch the goal without threading in"
-        f" {_range(own)} of 100, under `claude`'s five in {claude:.0f}",
+        f" {_range(cheats)} of 100, under `claude`'s five in {claude:.0f}",
         "holds for the paper's reward",
     )
 
 
 def _one_camera(success: dict[str, float], wrist: float) -> Finding:
-    shaded = [100 * one for name, one in success.items() if name.startswith("segdep_")]
-    pairs = [100 * one for name, one in success.items() if is_two_sided(name)]
+    shaded = [100 * value for name, value in success.items() if name.startswith("segdep_")]
+    pairs = [100 * value for name, value in success.items() if is_two_sided(name)]
     return (
         f"segmentation shaded by depth threads in {_range(shaded)} of 100 from one view,"
         f" pairs in {_range(pairs)}; colour from the instrument in {wrist:.0f}",

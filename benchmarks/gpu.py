@@ -41,17 +41,17 @@ def wait(device: str) -> float:
 def beside_the_cpu(device: str) -> str:
     """The same episodes on both engines, under the smooth expert's actions."""
     ours = build(settings(device, 16))
-    theirs = build(compose_settings([CAMS, "num_envs=16"]))
-    act = controller("smooth", theirs.settings)
-    one, other, apart, facts, pixels = ours.reset(), theirs.reset(), [], [], []
+    reference = build(compose_settings([CAMS, "num_envs=16"]))
+    act = controller("smooth", reference.settings)
+    warp, cpu, apart, facts, pixels = ours.reset(), reference.reset(), [], [], []
     for _ in range(20):
-        images, same = ours.images(), theirs.images()
+        images, same = ours.images(), reference.images()
         pixels += [float((images[name].cpu() != same[name]).float().mean()) for name in images]
-        action = act(other.signals)
-        one, other = ours.step(action.to(ours.device)), theirs.step(action)
-        tips = one.signals.needle_tip.cpu() - other.signals.needle_tip
+        action = act(cpu.signals)
+        warp, cpu = ours.step(action.to(ours.device)), reference.step(action)
+        tips = warp.signals.needle_tip.cpu() - cpu.signals.needle_tip
         apart.append(float(tips.norm(dim=-1).median()))
-        facts += [bool((one.facts[name].cpu() == other.facts[name]).all()) for name in one.facts]
+        facts += [bool((warp.facts[name].cpu() == cpu.facts[name]).all()) for name in warp.facts]
     return (
         f"20 steps of 16 episodes: {max(pixels):.2%} of an image's values differ at most, the tip"
         f" by {1e6 * max(apart):.2f} um (median), facts are equal in {sum(facts)} of {len(facts)}"
@@ -91,8 +91,8 @@ def parts(device: str, envs: int, steps: int) -> str:
 
 
 def learner_of(device: str, envs: int, *words: str) -> Learner:
-    own = [CAMS, "+experiment=gpu", f"engine.device={device}", f"device={device}"]
-    job = typed_job(composing.compose([*own, f"num_envs={envs}", *words], "job"))
+    defaults = [CAMS, "+experiment=gpu", f"engine.device={device}", f"device={device}"]
+    job = typed_job(composing.compose([*defaults, f"num_envs={envs}", *words], "job"))
     return Learner(replace(job, steps=max(job.steps, 3 * job.buffer)))
 
 
@@ -116,8 +116,8 @@ def until_it_threads(envs: int, minutes: float) -> None:
         if passed < last + 1 and learner.steps < job.steps:
             continue
         last = passed
-        own = replace(job.env, seed=job.evaluation.seed)
-        share = float(evaluate(own, learner.agent, 100).success.double().mean())
+        env = replace(job.env, seed=job.evaluation.seed)
+        share = float(evaluate(env, learner.agent, 100).success.double().mean())
         print(f"{passed:.1f} minutes, {learner.steps:,} steps: threads in {share:.0%}", flush=True)
         if share >= 0.95 or passed > minutes:
             return
@@ -126,8 +126,8 @@ def until_it_threads(envs: int, minutes: float) -> None:
 def main(device: str, sizes: list[int]) -> None:
     print(beside_the_cpu(device), flush=True)
     simulation = build(settings(device, 16))
-    found = outcome_of(simulation, controller("expert", simulation.settings)).cpu().summary()
-    print(f"the expert threads in {found['success']:.0%} of 16 episodes", flush=True)
+    summary = outcome_of(simulation, controller("expert", simulation.settings)).cpu().summary()
+    print(f"the expert threads in {summary['success']:.0%} of 16 episodes", flush=True)
     for envs in sizes:
         print(parts(device, envs, 60 if device == "cuda" else 5), flush=True)
     print(training(device, sizes[-1]), flush=True)
@@ -136,4 +136,4 @@ def main(device: str, sizes: list[int]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], [int(one) for one in sys.argv[2:]])
+    main(sys.argv[1], [int(word) for word in sys.argv[2:]])

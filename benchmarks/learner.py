@@ -44,9 +44,9 @@ def buffer_of(job: Job) -> TensorDict:
     ends = {"done": no, "terminated": no.clone(), "truncated": no.clone(), "reward": column}
     size = job.spec.actions
     action, still = torch.rand(*shape, size) * 2 - 1, torch.zeros(*shape, size)
-    own = {"action": action, "label": action, "expert": action, "learner": no.clone()}
-    own |= {"loc": still, "scale": still + 0.6, "action_log_prob": column[..., 0] * 0 - 4.0}
-    made = {**seen(), **own, "state_value": column * 0, "next": {**seen(), **ends}}
+    policy = {"action": action, "label": action, "expert": action, "learner": no.clone()}
+    policy |= {"loc": still, "scale": still + 0.6, "action_log_prob": column[..., 0] * 0 - 4.0}
+    made = {**seen(), **policy, "state_value": column * 0, "next": {**seen(), **ends}}
     return TensorDict(made, shape).to(device)
 
 
@@ -70,5 +70,5 @@ if __name__ == "__main__":
     cams = (
         [] if any(word.startswith("cams=") for word in sys.argv) else ["cams=[dep_front,seg_side]"]
     )
-    for name, own in CASES.items():
-        print(f"{name}: {rate([*own, *cams, *sys.argv[1:]]):,.0f} steps/s", flush=True)
+    for name, words in CASES.items():
+        print(f"{name}: {rate([*words, *cams, *sys.argv[1:]]):,.0f} steps/s", flush=True)

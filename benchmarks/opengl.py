@@ -33,7 +33,7 @@ class OpenGLEnvironment(gymnasium.Env):
         self._environment = load(replace(settings, cams=()), env)
         self._physics = self._environment.physics
         self._imager = Imager(self._physics.model.ptr, settings, 1)
-        self._asked = channels_of(settings)
+        self._channels = channels_of(settings)
         images: dict[str, spaces.Space] = {}
         for camera in settings.cameras:
             shape = (settings.renderings[camera.rendering].channels, height, width)
@@ -54,18 +54,18 @@ class OpenGLEnvironment(gymnasium.Env):
 
     def _look(self) -> dict[str, np.ndarray]:
         frames = {}
-        for view, asked in self._asked.items():
+        for view, channels in self._channels.items():
             bgra = depth = geom = None
-            if asked.colour:
+            if channels.colour:
                 colour = self._render(view)
                 alpha = np.full_like(colour[..., :1], 255)
                 bgra = torch.from_numpy(np.concatenate((colour[..., ::-1], alpha), -1)[None])
-            if asked.depth:
+            if channels.depth:
                 depth = torch.from_numpy(self._render(view, depth=True).copy()[None])
-            if asked.geom:
+            if channels.geom:
                 # Pairs of object id and object type.
-                found = self._render(view, segmentation=True)
-                ids = np.where(found[..., 1] == mujoco.mjtObj.mjOBJ_GEOM, found[..., 0], -1)
+                pairs = self._render(view, segmentation=True)
+                ids = np.where(pairs[..., 1] == mujoco.mjtObj.mjOBJ_GEOM, pairs[..., 0], -1)
                 geom = torch.from_numpy(ids.astype(np.int32)[None])
             frames[view] = Frame(bgra, depth, geom)
         return {name: image[0].numpy() for name, image in self._imager(frames).items()}

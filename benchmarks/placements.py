@@ -34,7 +34,7 @@ def drawn(seed: int) -> tuple[dict[str, tuple[float, float]], list[tuple[str, st
 
 def angle(a: tuple[float, float], b: tuple[float, float]) -> float:
     """Between two directions, degrees."""
-    (az, el), (bz, bl) = (tuple(map(math.radians, one)) for one in (a, b))
+    (az, el), (bz, bl) = (tuple(map(math.radians, direction)) for direction in (a, b))
     cosine = math.sin(el) * math.sin(bl) + math.cos(el) * math.cos(bl) * math.cos(az - bz)
     return math.degrees(math.acos(min(1.0, cosine)))
 

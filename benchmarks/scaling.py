@@ -44,8 +44,8 @@ if __name__ == "__main__":
         sys.exit("this machine has one core: nothing to compare")
     ratio = whole["steps_per_second"] / single["steps_per_second"]
     serial = serial_share(ratio, threads)
-    for count, found in ((threads, whole), (1, single)):
-        share = found["share_learning"]
-        print(f"{count} threads: {found['steps_per_second']} steps/s, {share:.0%} of it learning")
+    for count, report in ((threads, whole), (1, single)):
+        share = report["share_learning"]
+        print(f"{count} threads: {report['steps_per_second']} steps/s, {share:.0%} of it learning")
     print(f"ratio {ratio:.2f}, serial share {serial:.3f}")
     print("predicted:", predict(single["steps_per_second"], serial))

@@ -54,7 +54,7 @@ class Encoders(BaseFeaturesExtractor):
 
 
 def runner(job: Job, env: VecEnv) -> Callable[[], float]:
-    """Calls of it do a round of SB3's PPO, learning included, and return steps per second."""
+    """A call that does a round of SB3's PPO, learning included, and returns steps per second."""
     dtype = convolution_dtype(job.precision, job.torch_device)
     model = PPO(
         "MultiInputPolicy",
@@ -113,7 +113,7 @@ if __name__ == "__main__":
         sys.exit(f"no OpenGL: {type(error).__name__}: {error}")
     runs = runner(job, StableBaselinesVecEnv(job.env)), runner(job, drawn)
     rates = [[run() for run in runs] for _ in range(int(rounds) + 1)][1:]
-    ours, theirs = (harmonic_mean(own) for own in zip(*rates, strict=True))
+    ours, dm_control = (harmonic_mean(column) for column in zip(*rates, strict=True))
     print(f"needlehoop, {job.env.num_envs} environments: {ours:.1f} steps/s")
-    print(f"dm_control, {DM_CONTROL_ENVS} environments: {theirs:.1f} steps/s")
-    print("ratio of each round:", *(f"{one / other:.1f}" for one, other in rates))
+    print(f"dm_control, {DM_CONTROL_ENVS} environments: {dm_control:.1f} steps/s")
+    print("ratio of each round:", *(f"{a / b:.1f}" for a, b in rates))

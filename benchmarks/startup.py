@@ -31,7 +31,7 @@ CALLS = {
 
 
 def seconds(words: tuple[str, ...], status: int, folder: str) -> float:
-    """Of one call of Python in a folder, from its start to its end.
+    """Seconds that one call of Python in a folder takes.
 
     Raises:
         RuntimeError: the call ended with another exit status.

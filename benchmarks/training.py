@@ -26,20 +26,20 @@ def job_of(words: list[str]) -> Job:
 
 def measure(jobs: list[Job], rounds: int) -> tuple[list[list[float]], list[float]]:
     """Steps per second of each training in each buffer, and the share of its time that learns."""
-    learners = [Learner(replace(one, steps=one.buffer * (rounds + 1))) for one in jobs]
+    learners = [Learner(replace(job, steps=job.buffer * (rounds + 1))) for job in jobs]
     turns = [iter(learner) for learner in learners]
     spent: list[list[float]] = [[] for _ in jobs]
     learning = [0.0 for _ in jobs]
     for turn in range(rounds + 1):
-        for number, own in enumerate(turns):
-            _, told = next(own)
+        for number, buffers in enumerate(turns):
+            _, told = next(buffers)
             if turn:
                 spent[number].append(told["seconds_collect"] + told["seconds_update"])
                 learning[number] += told["seconds_update"]
     for learner in learners:
         learner.close()
-    rates = [[one.buffer / s for s in own] for one, own in zip(jobs, spent, strict=True)]
-    return rates, [part / sum(own) for part, own in zip(learning, spent, strict=True)]
+    rates = [[job.buffer / s for s in seconds] for job, seconds in zip(jobs, spent, strict=True)]
+    return rates, [part / sum(seconds) for part, seconds in zip(learning, spent, strict=True)]
 
 
 if __name__ == "__main__":
@@ -50,8 +50,8 @@ if __name__ == "__main__":
         words, more = words[:at], words[at + 1 :]
     jobs = [job_of(words)] if more is None else [job_of(words), job_of([*words, *more])]
     rates, learning = measure(jobs, int(rounds))
-    means = [harmonic_mean(own) for own in rates]
-    found = {
+    means = [harmonic_mean(speeds) for speeds in rates]
+    report = {
         "machine": machine(),
         "threads": jobs[0].env.engine.threads or available_cpus(),
         "steps_per_second": round(means[0]),
@@ -59,6 +59,6 @@ if __name__ == "__main__":
         "peak_memory_gb": round(peak_memory(), 2),
     }
     if more is not None:
-        found["steps_per_second_against"] = round(means[1])
-        found["ratio_of_each_buffer"] = [round(a / b, 3) for a, b in zip(*rates, strict=True)]
-    print(json.dumps(found))
+        report["steps_per_second_against"] = round(means[1])
+        report["ratio_of_each_buffer"] = [round(a / b, 3) for a, b in zip(*rates, strict=True)]
+    print(json.dumps(report))

@@ -134,14 +134,14 @@ def _learning(
 
 def write_answers(folder: Path) -> None:
     """What ``needlehoop vlm rank`` leaves, with the paper's orders."""
-    said = {"view": "front", "view_reason": "Shows height.", "rendering": "dep"}
-    said |= {"rendering_reason": "Shows <depth> & all."}
+    suit = {"view": "front", "view_reason": "Shows height.", "rendering": "dep"}
+    suit |= {"rendering_reason": "Shows <depth> & all."}
     part = {"name": "Pick up", "description": "Grasp it."}
     answers = {
         "subtasks": {"first": part, "second": {**part, "name": "Insert"}},
-        "suits": {"first": said, "second": {**said, "view": "side", "rendering": "seg"}},
-        "goal": said,
-        "lifted": said,
+        "suits": {"first": suit, "second": {**suit, "view": "side", "rendering": "seg"}},
+        "goal": suit,
+        "lifted": suit,
         "layouts": [
             {"name": "front_and_side", "reason": "Two sides."},
             {"name": "one_default", "reason": "One."},
@@ -156,11 +156,11 @@ def write_answers(folder: Path) -> None:
         }
         for order in orders
     ]
-    asked = {"answers": answers, "asked": {"lifted": "the needle is lifted"}}
+    questions = {"answers": answers, "asked": {"lifted": "the needle is lifted"}}
     totals = {"prompts": 8, "tokens_in": 900, "tokens_out": 100, "invalid_answers": 0}
     (folder / "vlm").mkdir(parents=True, exist_ok=True)
-    for name, found in (("questions", asked), ("rankings", {"lists": lists})):
-        whole = {**found, "models": ["test-model"], "totals": totals}
+    for name, content in (("questions", questions), ("rankings", {"lists": lists})):
+        whole = {**content, "models": ["test-model"], "totals": totals}
         (folder / "vlm" / f"{name}.json").write_text(json.dumps(whole))
 
 

@@ -15,7 +15,7 @@ def example(name):
 
 
 @pytest.mark.parametrize(
-    ("name", "given"),
+    ("name", "settings"),
     [
         ("gymnasium_random", {"steps": 101}),
         ("sb3_ppo", {"steps": 64, "num_envs": 8, "horizon": 8}),
@@ -29,8 +29,8 @@ def example(name):
         ("own_camera", {}),
     ],
 )
-def test_it_runs(name, given, capsys):
-    example(name)["main"](**given)
+def test_it_runs(name, settings, capsys):
+    example(name)["main"](**settings)
     assert capsys.readouterr().out.strip()
 
 

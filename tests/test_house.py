@@ -58,7 +58,7 @@ def room(path: Path) -> str:
 
 def imported(source: str) -> set[str]:
     """Rooms that a source imports, at its top or when a function runs."""
-    found = set()
+    rooms = set()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
@@ -68,8 +68,8 @@ def imported(source: str) -> set[str]:
             names = [node.module or ""]
         else:
             continue
-        found |= {name.split(".")[1] for name in names if name.startswith("needlehoop.")}
-    return found
+        rooms |= {name.split(".")[1] for name in names if name.startswith("needlehoop.")}
+    return rooms
 
 
 def test_every_room_has_a_floor_and_no_file_stands_outside():
@@ -95,13 +95,13 @@ def test_every_package_says_what_lives_there():
 
 def words_of_the_first_task(path: Path) -> set[str]:
     """Those that a file has. A task of its own may lift something."""
-    found = {one.lower() for one in TASK_WORDS.findall(path.read_text())}
+    words = {word.lower() for word in TASK_WORDS.findall(path.read_text())}
     is_task = room(path) == "tasks" and path.parent != HOME / "tasks"
-    return {one for one in found if not (is_task and one.startswith("lift"))}
+    return {word for word in words if not (is_task and word.startswith("lift"))}
 
 
 def test_only_the_first_task_and_the_one_with_its_needle_speak_of_it():
-    own = {HOME / "tasks/needle_hoop", HOME / "tasks/handover"}
-    elsewhere = [path for path in HOME.rglob("*.py") if not own & {*path.parents}]
-    found = {str(path.relative_to(HOME)): words_of_the_first_task(path) for path in elsewhere}
-    assert {path: words for path, words in found.items() if words} == {}
+    folders = {HOME / "tasks/needle_hoop", HOME / "tasks/handover"}
+    elsewhere = [path for path in HOME.rglob("*.py") if not folders & {*path.parents}]
+    by_file = {str(path.relative_to(HOME)): words_of_the_first_task(path) for path in elsewhere}
+    assert {path: words for path, words in by_file.items() if words} == {}

@@ -44,5 +44,5 @@ def test_the_tour_runs(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     run = nbformat.read(book, 4)
-    said = [cell.outputs for cell in run.cells if cell.cell_type == "code"]
-    assert "threaded in" in said[-1][0].text
+    outputs = [cell.outputs for cell in run.cells if cell.cell_type == "code"]
+    assert "threaded in" in outputs[-1][0].text

@@ -84,10 +84,10 @@ def run(tmp_path_factory) -> Path:
 def test_a_run_s_files_import_it_with_trust_alone(run, tmp_path, capsys):
     words = ["evaluate", str(run), "episodes=4", "video=false", "--json"]
     assert main(words) == 2
-    said = capsys.readouterr().err
-    assert "'cube_on_spot' of" in said
-    assert "trust=true" in said
-    assert said.count("\n") == 1
+    error = capsys.readouterr().err
+    assert "'cube_on_spot' of" in error
+    assert "trust=true" in error
+    assert error.count("\n") == 1
     # A finished run is refused before anything of it is read.
     assert "is finished" in refusal(f"resume={run}")
     unfinished = tmp_path / run.name
@@ -116,12 +116,12 @@ def test_environments_take_it():
 
 
 def test_commands_take_it(capsys, tmp_path):
-    own = f"task_dir={FOLDER}"
-    assert main(["tasks", own]) == 0
+    word = f"task_dir={FOLDER}"
+    assert main(["tasks", word]) == 0
     assert "cube_on_spot: A gantry" in capsys.readouterr().out
-    assert main(["tasks", own, "task=cube_on_spot"]) == 0
+    assert main(["tasks", word, "task=cube_on_spot"]) == 0
     assert "grip_command" in capsys.readouterr().out
-    assert main(["export", own, f"out={tmp_path}/arm"]) == 2
+    assert main(["export", word, f"out={tmp_path}/arm"]) == 2
     assert "cube_on_spot does not have one PSM" in capsys.readouterr().err
 
 
@@ -130,12 +130,12 @@ def test_a_model_is_asked_about_it(capsys, tmp_path):
     for command in (["question"], ["reward", "cams=dep_front"]):
         assert main(["vlm", *command, f"task_dir={FOLDER}", *words]) == 2
         assert "no answer yet" in capsys.readouterr().err
-    asked = [file.read_text() for file in tmp_path.rglob("request.md")]
-    assert len(asked) == 2
-    for text in asked:
+    requests = [file.read_text() for file in tmp_path.rglob("request.md")]
+    assert len(requests) == 2
+    for text in requests:
         assert "A cube with an edge of 10 mm" in text
         assert not re.search("needle|hoop|jaw", text)
-    assert any("held            scalar" in text and "placed" not in text for text in asked)
+    assert any("held            scalar" in text and "placed" not in text for text in requests)
 
 
 # What is wrong is said in a line.

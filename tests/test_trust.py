@@ -96,19 +96,19 @@ def test_a_policy_with_hostile_notes_runs_nothing(policy, tmp_path):
         ({**senses, "network": network}, values, False),
     ):
         save_file(state, bad, {"senses": json.dumps(sees), "config": json.dumps(config)})
-        with audited() as asked:
+        with audited() as events:
             try:
-                found = needlehoop.load_policy(bad)
+                loaded = needlehoop.load_policy(bad)
             except ValueError:
-                found = None
-        assert {one for one in asked if one != ("open", str(bad)) and not is_ours(*one)} == set()
-        assert fits == (found is not None and torch.equal(found(seen), action))
+                loaded = None
+        assert {one for one in events if one != ("open", str(bad)) and not is_ours(*one)} == set()
+        assert fits == (loaded is not None and torch.equal(loaded(seen), action))
 
 
 def test_the_audit_sees_what_it_looks_for():
-    with audited() as asked:
+    with audited() as events:
         exec("open('/dev/null').close()")
-    assert {event for event, _ in asked} >= {"open", "exec"}
+    assert {event for event, _ in events} >= {"open", "exec"}
 
 
 @pytest.fixture
@@ -128,9 +128,9 @@ def test_no_command_imports_what_a_run_names(stranger, tmp_path, capsys):
         ["demonstrations", f"demonstrator={folder}", f"out={tmp_path}/demos-v0", "seed=9"],
     ):
         assert main(words) == 2
-        said = capsys.readouterr().err
-        assert "'pydoc:pipepager'" in said
-        assert "trust=true" in said
+        error = capsys.readouterr().err
+        assert "'pydoc:pipepager'" in error
+        assert "trust=true" in error
     with pytest.raises(ValueError, match="trust=true"):
         needlehoop.make_env_of(folder)
     (folder / "manifest.json").write_text("{}")
@@ -157,8 +157,8 @@ def test_a_run_of_one_s_own_function_goes_on_with_trust(tmp_path, capsys):
     file = tmp_path / "mine.py"
     file.write_text("def pay(signals):\n    return {'jaw': signals.jaw}\n")
     words = [word for word in TINY if not word.startswith("reward=")]
-    own = ["cams=[]", "reward=python", f"reward.function={file}:pay", f"results={tmp_path}"]
-    values = composed(*words, *own)
+    overrides = ["cams=[]", "reward=python", f"reward.function={file}:pay", f"results={tmp_path}"]
+    values = composed(*words, *overrides)
     run_composed({**values, "until": 8})
     folder = tmp_path / "main/signals/python/seed0"
     capsys.readouterr()

@@ -66,8 +66,8 @@ def wheel(tmp_path_factory) -> Path:
 
 def test_a_wheel_carries_every_file_of_the_package_and_of_conf(wheel):
     def files(folder: Path, below: str) -> set[str]:
-        found = (path for path in folder.rglob("*") if path.is_file())
-        return {f"{below}/{path.relative_to(folder)}" for path in found if path.suffix != ".pyc"}
+        paths = (path for path in folder.rglob("*") if path.is_file())
+        return {f"{below}/{path.relative_to(folder)}" for path in paths if path.suffix != ".pyc"}
 
     with zipfile.ZipFile(wheel) as held:
         carried = {name for name in held.namelist() if ".dist-info/" not in name}
@@ -94,10 +94,10 @@ def test_an_install_needs_no_checkout(wheel, tmp_path):
         text=True,
     )
     assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
-    assert [place for place in found["places"] if not place.startswith(f"{site}/")] == []
-    assert found["run"] == "main/dep_front+seg_side/vlm_img/seed0"
-    signals, *_, misspelt = found["said"]
+    result = json.loads(done.stdout)
+    assert [place for place in result["places"] if not place.startswith(f"{site}/")] == []
+    assert result["run"] == "main/dep_front+seg_side/vlm_img/seed0"
+    signals, *_, misspelt = result["said"]
     assert "needle_tip" in signals
     assert "stpes: unknown key" in misspelt
     assert list(elsewhere.iterdir()) == []

@@ -72,9 +72,9 @@ def refusal(*words: str) -> str:
     """The one line in which ``train.py`` refuses."""
     with pytest.raises(SystemExit) as caught:
         run_train(*words)
-    said = str(caught.value.code)
-    assert "\n" not in said
-    return said
+    message = str(caught.value.code)
+    assert "\n" not in message
+    return message
 
 
 def outcome(folder: Path) -> dict[str, Any]:

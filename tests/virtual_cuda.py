@@ -36,24 +36,24 @@ def is_there(tensor: Tensor) -> bool:
     return getattr(tensor, "_is_on_gpu", False)
 
 
-def put(found: Any, there: bool) -> Any:
+def put(result: Any, there: bool) -> Any:
     """Says of all tensors of a result where they are."""
 
-    for one in tree_leaves(found):
-        if isinstance(one, Tensor):
-            one._is_on_gpu = there
-    return found
+    for tensor in tree_leaves(result):
+        if isinstance(tensor, Tensor):
+            tensor._is_on_gpu = there
+    return result
 
 
 def _is_gpu(device: Any) -> bool:
     return torch.device(device).type == "cuda"
 
 
-def _moved(tensor: Tensor, there: bool, found: Tensor) -> Tensor:
-    """``found``, as the copy on the device that a move leaves; the same where nothing moves."""
+def _moved(tensor: Tensor, there: bool, result: Tensor) -> Tensor:
+    """``result``, as the copy on the device that a move leaves; the same where nothing moves."""
     if is_there(tensor) == there:
-        return put(found, there)
-    return put(found.clone() if found is tensor else found, there)
+        return put(result, there)
+    return put(result.clone() if result is tensor else result, there)
 
 
 class _VirtualCuda(TorchFunctionMode):
@@ -98,12 +98,12 @@ def _check_together(func: Callable, tensors: list[Tensor]) -> None:
 def _to(func: Callable, tensor: Tensor, *args: Any, **kwargs: Any) -> Tensor:
     there = is_there(tensor)
     plain = []
-    for one in args:
-        if isinstance(one, torch.device | str):
-            there, one = _is_gpu(one), CPU
-        elif isinstance(one, Tensor):
-            there = is_there(one)
-        plain.append(one)
+    for arg in args:
+        if isinstance(arg, torch.device | str):
+            there, arg = _is_gpu(arg), CPU
+        elif isinstance(arg, Tensor):
+            there = is_there(arg)
+        plain.append(arg)
     if kwargs.get("device") is not None:
         there, kwargs["device"] = _is_gpu(kwargs["device"]), CPU
     return _moved(tensor, there, func(tensor, *plain, **kwargs))

@@ -32,10 +32,10 @@ class Obliging:
     def __init__(self, answers: Iterable[str] = ()):
         self.answers = list(answers)
         self.who = {"provider": "gemini", "model": "m", "sampling": {}}
-        self.asked: list[Request] = []
+        self.requests: list[Request] = []
 
     def ask(self, request: Request) -> Reply:
-        self.asked.append(request)
+        self.requests.append(request)
         answer = self.answers.pop(0) if self.answers else by_schema(dict(request.schema))
         return Reply("answered", answer, "", "m", 1, 1)
 
@@ -83,7 +83,7 @@ def everything_said(settings: Settings, folder: Path) -> list[Request]:
     trained = Trained("reward = 1", "step, return", 1000, (Png(b"still"),))
     begin().ask(trained.prompt(reward_prompt(seen, RULES, shown)), ProgramAnswer)
     patch.undo()
-    return provider.asked
+    return provider.requests
 
 
 def text_of(requests: list[Request]) -> str:

@@ -28,7 +28,7 @@ def _value(schema: dict[str, Any], defs: dict[str, Any]) -> Any:
     if schema["type"] == "object":
         return {name: _value(inner, defs) for name, inner in schema["properties"].items()}
     if schema["type"] == "array":
-        (place,) = (one for one in defs.values() if "name" in one["properties"])
+        (place,) = (entry for entry in defs.values() if "name" in entry["properties"])
         names = place["properties"]["name"]["enum"]
         if schema["items"].get("type") == "number":
             return [0.75] * (len(names) - 1)
@@ -61,26 +61,26 @@ class Server:
             parts = body["messages"][-1]["content"]
         prompt = "".join(part.get("text", "") for part in parts)
         entry = self.script.pop(0) if self.script else self.otherwise(schema, prompt)
-        said = {"text": entry} if isinstance(entry, str) else entry
-        if "body" in said or "status" in said:
-            return said.get("status", 200), said.get("body", '{"error": {"message": "no"}}')
+        answer = {"text": entry} if isinstance(entry, str) else entry
+        if "body" in answer or "status" in answer:
+            return answer.get("status", 200), answer.get("body", '{"error": {"message": "no"}}')
         reply = gemini_reply if "generateContent" in path else openai_reply
-        return 200, json.dumps(reply(said))
+        return 200, json.dumps(reply(answer))
 
 
-def gemini_reply(said: dict[str, Any]) -> dict[str, Any]:
+def gemini_reply(answer: dict[str, Any]) -> dict[str, Any]:
     usage = {"promptTokenCount": 100, "candidatesTokenCount": 10, "thoughtsTokenCount": 5}
     reply: dict[str, Any] = {"modelVersion": "gemini-test-001", "usageMetadata": usage}
-    if "refusal" in said:
-        return {**reply, "promptFeedback": {"blockReason": said["refusal"]}}
-    content = {"role": "model", "parts": [{"text": said["text"]}]}
-    finish = said.get("finish", "STOP")
+    if "refusal" in answer:
+        return {**reply, "promptFeedback": {"blockReason": answer["refusal"]}}
+    content = {"role": "model", "parts": [{"text": answer["text"]}]}
+    finish = answer.get("finish", "STOP")
     return {**reply, "candidates": [{"content": content, "finishReason": finish, "index": 0}]}
 
 
-def openai_reply(said: dict[str, Any]) -> dict[str, Any]:
-    message = {"role": "assistant", "content": said["text"], "refusal": said.get("refusal")}
-    finish = said.get("finish", "stop")
+def openai_reply(answer: dict[str, Any]) -> dict[str, Any]:
+    message = {"role": "assistant", "content": answer["text"], "refusal": answer.get("refusal")}
+    finish = answer.get("finish", "stop")
     return {
         "id": "1",
         "object": "chat.completion",

@@ -49,23 +49,23 @@ def batch(num_envs: int, **kwargs: Any) -> GymnasiumVectorEnv:
 
 def _settings(num_envs: int, kwargs: dict[str, Any]) -> Settings:
     """The settings that are among ``kwargs``, which are taken out of it."""
-    given = {key: kwargs.pop(key, None) for key in _SETTINGS}
+    values = {key: kwargs.pop(key, None) for key in _SETTINGS}
     overrides: Iterable[str] = kwargs.pop("overrides", ())
     run, trust = kwargs.pop("run", None), kwargs.pop("trust", False)
     name = kwargs.pop("name", None)
     if run is not None:
-        if any(value is not None for value in given.values()):
+        if any(value is not None for value in values.values()):
             raise ValueError(
                 "run: its environment has settings of its own; change them with overrides="
             )
         return settings_of(run, num_envs, None, trust, overrides)
-    cams, reward = given.pop("cams"), given.pop("reward") or "human"
+    cams, reward = values.pop("cams"), values.pop("reward") or "human"
     if name is not None:
-        # The task itself, or a variant of it; those of one's own are no files of ours.
-        option = name if given["task"] is None else f"{name}/{given['task']}"
+        # The task itself, or a variant of it. A task of one's own has no file there.
+        option = name if values["task"] is None else f"{name}/{values['task']}"
         if (CONF / "task" / f"{option}.yaml").is_file():
-            given["task"] = option
-    made = settings(PAIR if cams is None else cams, reward, overrides, num_envs=num_envs, **given)
-    if name not in (None, made.task.name):
-        raise ValueError(f"task: {given['task']!r} is of {made.task.name}, and this id is {name}'s")
-    return made
+            values["task"] = option
+    env = settings(PAIR if cams is None else cams, reward, overrides, num_envs=num_envs, **values)
+    if name not in (None, env.task.name):
+        raise ValueError(f"task: {values['task']!r} is of {env.task.name}, and this id is {name}'s")
+    return env

@@ -77,10 +77,10 @@ def _keys(config: str) -> str:
     if config == "env":
         return "All of conf/env.yaml and its groups, such as task=wide or seed=1."
     text = (CONF / f"{config}.yaml").read_text()
-    found = re.fullmatch(r"(?:#[^\n]*\n)?(?:defaults:\n(.*?)  - _self_\n)?(.*)", text, re.DOTALL)
-    assert found is not None
-    below = re.findall(r"^  - (\w+)$", found[1] or "", re.MULTILINE)
-    return "\n".join([found[2].strip("\n") + "\n", *map(_keys, below)])
+    match = re.fullmatch(r"(?:#[^\n]*\n)?(?:defaults:\n(.*?)  - _self_\n)?(.*)", text, re.DOTALL)
+    assert match is not None
+    below = re.findall(r"^  - (\w+)$", match[1] or "", re.MULTILINE)
+    return "\n".join([match[2].strip("\n") + "\n", *map(_keys, below)])
 
 
 def environment(
@@ -98,8 +98,8 @@ def beside_a_run(
     options: argparse.Namespace, command: str, **kinds: Any
 ) -> tuple[SimpleNamespace, list[str]]:
     """A command's own keys, of these ``kinds``, and the words that change the run's settings."""
-    mine, conditions = changing.parted(options.overrides, command)
-    values = composing.compose(mine, command)
+    keys, conditions = changing.parted(options.overrides, command)
+    values = composing.compose(keys, command)
     return strict.read(values, trust=bool, device=str, **kinds), conditions
 
 

@@ -30,42 +30,42 @@ def demonstrations(options: argparse.Namespace) -> None:
     from needlehoop.demonstrations.episodes import demonstrate, scripted
 
     words = options.overrides
-    is_run = any(Path(one).is_dir() for one in typed(words, "demonstrator")[-1:])
-    others = parted(words, "demonstrations")[1] if is_run else []
-    conditions = [word for word in others if not typed([word], "seed")]
+    is_run = any(Path(name).is_dir() for name in typed(words, "demonstrator")[-1:])
+    run_words = parted(words, "demonstrations")[1] if is_run else []
+    conditions = [word for word in run_words if not typed([word], "seed")]
     values = composing.compose((w for w in words if w not in conditions), "demonstrations")
     kinds = {"demonstrator": str | None, "out": str | None, "overwrite": bool, "trust": bool}
-    asked = strict.read(values, episodes=Count, format=str, device=str, seed=Seed, **kinds)
-    if not asked.out:
+    keys = strict.read(values, episodes=Count, format=str, device=str, seed=Seed, **kinds)
+    if not keys.out:
         raise ValueError("out: give a folder for the dataset, such as out=demos/smooth-v0")
-    out = Path(asked.out)
-    write = _writer(asked.format, out.name)
+    out = Path(keys.out)
+    write = _writer(keys.format, out.name)
     from needlehoop.envs.settings import settings_from
     from needlehoop.learning.job import pick_device
     from needlehoop.learning.subject import of_run
 
     if is_run:
-        who, device = asked.demonstrator, pick_device(asked.device)
-        seed = asked.seed if typed(words, "seed") else None
-        chosen = Path(who), conditions, seed, device, asked.trust, "demonstrations"
+        demonstrator, device = keys.demonstrator, pick_device(keys.device)
+        seed = keys.seed if typed(words, "seed") else None
+        chosen = Path(demonstrator), conditions, seed, device, keys.trust, "demonstrations"
         # Two after those of its evaluations and of watch.
         settings, make = of_run(*chosen, later=2)
     else:
         settings = settings_from(values)
-        who = asked.demonstrator or settings.definition.teacher
-        make = scripted(who, settings.definition)
+        demonstrator = keys.demonstrator or settings.definition.teacher
+        make = scripted(demonstrator, settings.definition)
     counts = Counter()
 
     def shown() -> Iterator[Demonstration]:
-        found = demonstrate(settings, make, asked.episodes)
-        for one in tqdm(found, total=asked.episodes, unit="episode", dynamic_ncols=True):
-            counts.update(steps=len(one), successful=int(one.success))
-            yield one
+        episodes = demonstrate(settings, make, keys.episodes)
+        for episode in tqdm(episodes, total=keys.episodes, unit="episode", dynamic_ncols=True):
+            counts.update(steps=len(episode), successful=int(episode.success))
+            yield episode
 
-    with new_folder(out, asked.overwrite) as folder:
-        write(folder, shown(), settings, who, provenance())
+    with new_folder(out, keys.overwrite) as folder:
+        write(folder, shown(), settings, demonstrator, provenance())
     print(
-        f"{out}: {asked.episodes} episodes (seed {settings.seed}), {counts['steps']} steps,"
+        f"{out}: {keys.episodes} episodes (seed {settings.seed}), {counts['steps']} steps,"
         f" {counts['successful']} successful"
     )
 
@@ -75,7 +75,7 @@ def _writer(name: str, dataset: str) -> Callable[..., None]:
     extras = {"minari": "minari", "lerobot": "lerobot", "open_h": "lerobot"}
     strict.check_names("format", [name], [*extras])
     try:
-        found = import_module(f"needlehoop.demonstrations.{name}_layout")
+        layout = import_module(f"needlehoop.demonstrations.{name}_layout")
     except ModuleNotFoundError as error:
         raise ValueError(
             f"format={name} needs {error.name}: pip install 'needlehoop[{extras[name]}]'"
@@ -84,4 +84,4 @@ def _writer(name: str, dataset: str) -> Callable[..., None]:
         raise ValueError(
             f"out: {dataset!r} is no name for Minari, which wants a version: such as smooth-v0"
         )
-    return found.write
+    return layout.write

@@ -62,36 +62,38 @@ def evaluate(options: argparse.Namespace) -> None:
 
     run = Run.open(options.run_folder)
     kinds = {"as": str | None, "video": bool, **_OF_POLICY}
-    own, words = beside_a_run(options, "evaluate", episodes=Count | None, seed=Seed | None, **kinds)
-    name = vars(own)["as"]
+    keys, words = beside_a_run(
+        options, "evaluate", episodes=Count | None, seed=Seed | None, **kinds
+    )
+    name = vars(keys)["as"]
     if name is not None:
         check_name("as", name)
-    job, agent, found, lines = _flown(run, own, words, "evaluate")
+    job, agent, result, lines = _flown(run, keys, words, "evaluate")
     final = job.evaluation
     usual = {"episodes": final.final_episodes, "seed": final.final_seed, "policy": "last"}
-    differs = [changing.setting(word) for word in (words if "changed" in found else [])]
-    differs += [(key, str(found[key])) for key, value in usual.items() if found[key] != value]
-    place, is_new = _place(run, found, differs, name)
+    differs = [changing.setting(word) for word in (words if "changed" in result else [])]
+    differs += [(key, str(result[key])) for key, value in usual.items() if result[key] != value]
+    place, is_new = _place(run, result, differs, name)
     if is_new:
-        run.write(place, json.dumps(found, indent=2) + "\n")
-    said = "written     " if is_new else "the same as "
-    lines = f"{lines}\n{said} {run.folder / place}"
-    print(json.dumps(found) if options.json else lines, flush=True)
-    if own.video:
+        run.write(place, json.dumps(result, indent=2) + "\n")
+    label = "written     " if is_new else "the same as "
+    lines = f"{lines}\n{label} {run.folder / place}"
+    print(json.dumps(result) if options.json else lines, flush=True)
+    if keys.video:
         from needlehoop.learning.evaluate import film
 
         out = run.vacate(str(Path(place).with_name(VIDEO)))
-        film(job.env, agent, own.video_episodes, found["seed"], out)
+        film(job.env, agent, keys.video_episodes, result["seed"], out)
         if not options.json:
             print(f"video        {out}")
 
 
 def _place(
-    run: Run, found: Mapping[str, Any], differs: list[tuple[str, str]], name: str | None
+    run: Run, result: Mapping[str, Any], differs: list[tuple[str, str]], name: str | None
 ) -> tuple[str, bool]:
     """The file of an evaluation, and whether it is to be written.
 
-    The run's own is written where there is none, or where training has gone on since. Any other
+    The run's own is written if there is none yet, or if training went on since. Any other
     has a folder of its own.
     """
     if name is None and not differs:
@@ -99,9 +101,9 @@ def _place(
             former = read_json(run.folder / EVALUATION)
         except UnreadableError:
             return EVALUATION, True
-        if former.get("steps_trained") != found["steps_trained"]:
+        if former.get("steps_trained") != result["steps_trained"]:
             return EVALUATION, True
-        if all(former[key] == found[key] for key in {*former} & {*found}):
+        if all(former[key] == result[key] for key in {*former} & {*result}):
             return EVALUATION, False
         name = "again"
     return f"{FURTHER}/{name or name_of(differs)}/{EVALUATION}", True
@@ -126,16 +128,16 @@ def watch(options: argparse.Namespace) -> None:
     task = ["", *typed(options.overrides, "task")][-1]
     run = Run.open(Path(folders[0]) if folders else agent_of(task))
     kinds = {"episodes": Count, "out": str, **_OF_POLICY}
-    own, words = beside_a_run(options, "watch", seed=Seed | None, **kinds)
-    out = new_file(own.out, ".mp4", overwrite=True)
-    job, agent, found, lines = _flown(run, own, words, "watch", later=1)
-    del found["steps_trained"]
-    found = {"run": str(run.folder), **found}
-    print(json.dumps(found) if options.json else lines, flush=True)
+    keys, words = beside_a_run(options, "watch", seed=Seed | None, **kinds)
+    out = new_file(keys.out, ".mp4", overwrite=True)
+    job, agent, result, lines = _flown(run, keys, words, "watch", later=1)
+    del result["steps_trained"]
+    result = {"run": str(run.folder), **result}
+    print(json.dumps(result) if options.json else lines, flush=True)
     from needlehoop.learning.evaluate import film
 
     set_aside(out)
-    film(job.env, agent, own.video_episodes, found["seed"], out)
+    film(job.env, agent, keys.video_episodes, result["seed"], out)
     if not options.json:
         print(f"film         {out}")
 
@@ -154,26 +156,26 @@ def stress(options: argparse.Namespace) -> None:
     """
     from needlehoop.learning.job import pick_device
 
-    who = Path(options.who)
+    folder = Path(options.who)
     kinds = {"axes": strict.Names, "levels": Levels, "severities": tuple[Count, ...]}
     kinds |= {"threads": Number, "out": str | None}
     kinds |= dict.fromkeys(("together", "episodes", "num_envs"), Count)
-    asked, conditions = beside_a_run(options, "stress", seed=Seed | None, **kinds)
-    if asked.out is None and (conditions or not who.is_dir()):
+    keys, conditions = beside_a_run(options, "stress", seed=Seed | None, **kinds)
+    if keys.out is None and (conditions or not folder.is_dir()):
         raise ValueError(
             "out: stress.csv in a run's folder is of the run's own conditions; name another file,"
             " such as out=stress.csv"
         )
-    out = new_file(who / STRESS if asked.out is None else asked.out, ".csv", overwrite=True)
-    device = pick_device(asked.device)
+    out = new_file(folder / STRESS if keys.out is None else keys.out, ".csv", overwrite=True)
+    device = pick_device(keys.device)
     from needlehoop.learning import stress
     from needlehoop.learning.subject import subject
 
-    found, make = subject(options.who, conditions, asked.seed, device, asked.trust)
-    chosen = stress.chosen_axes(asked.axes, blind=not found.cams)
-    tried = stress.conditions(asked.levels, chosen, asked.severities, asked.together)
-    settings = replace(found, engine=replace(found.engine, threads=asked.threads))
-    rows = stress.stress(settings, make, tried, asked.episodes, asked.num_envs)
+    settings, make = subject(options.who, conditions, keys.seed, device, keys.trust)
+    chosen = stress.chosen_axes(keys.axes, blind=not settings.cams)
+    tried = stress.conditions(keys.levels, chosen, keys.severities, keys.together)
+    settings = replace(settings, engine=replace(settings.engine, threads=keys.threads))
+    rows = stress.stress(settings, make, tried, keys.episodes, keys.num_envs)
     set_aside(out)
     out.parent.mkdir(parents=True, exist_ok=True)
     write_whole(out, csv_text(rows[0], (row.values() for row in rows)))
@@ -181,11 +183,11 @@ def stress(options: argparse.Namespace) -> None:
 
 
 def _flown(
-    run: Run, own: Any, conditions: list[str], command: str, later: int = 0
+    run: Run, keys: Any, conditions: list[str], command: str, later: int = 0
 ) -> tuple[Job, Agent, dict[str, Any], str]:
-    """A run's agent and its evaluation as numbers and in lines, as it was asked for.
+    """A run's job and agent, and an evaluation of these: its numbers, and lines that show them.
 
-    If no seed was typed, it is ``later`` than that of the run's own evaluation by so many.
+    A seed that was not typed is that of the run's own evaluation plus ``later``.
     """
     # What this refuses does not wait for the agent.
     changing.check(conditions, run.config(), command)
@@ -195,21 +197,21 @@ def _flown(
     from needlehoop.learning.job import pick_device
     from needlehoop.learning.subject import flown_job
 
-    device = pick_device(own.device)
-    job, changed = flown_job(run.config(), conditions, own.trust, command)
-    policy, steps = which_policy(run, own.policy)
+    device = pick_device(keys.device)
+    job, changed = flown_job(run.config(), conditions, keys.trust, command)
+    policy, steps = which_policy(run, keys.policy)
     usual = job.evaluation
-    episodes = usual.final_episodes if own.episodes is None else own.episodes
-    seed = usual.final_seed + later if own.seed is None else own.seed
+    episodes = usual.final_episodes if keys.episodes is None else keys.episodes
+    seed = usual.final_seed + later if keys.seed is None else keys.seed
     # As in training: their number decides how sums are rounded.
     torch.set_num_threads(1)
     agent = load_agent(run, job, device, policy)
-    found = {"steps_trained": steps, "policy": policy, **assess(agent, job, episodes, seed)}
+    result = {"steps_trained": steps, "policy": policy, **assess(agent, job, episodes, seed)}
     lines = [f"run          {run.folder}", f"policy       {told_policy(policy, steps)}"]
     if changed:
-        found["changed"] = changed
+        result["changed"] = changed
         lines.append(f"changed      {' '.join(conditions)}")
-    return job, agent, found, "\n".join([*lines, report(job.env.definition, found)])
+    return job, agent, result, "\n".join([*lines, report(job.env.definition, result)])
 
 
 @command(
@@ -224,26 +226,26 @@ def expert(options: argparse.Namespace) -> None:
     It grasps in both ways, weld and friction, unless one is typed as episode.grasp=.
     """
     kinds = {"controller": str, "overwrite": bool}
-    settings, asked = environment(options, "expert", episodes=Count, video_episodes=Count, **kinds)
-    who, rules = asked.controller, settings.episode
+    settings, keys = environment(options, "expert", episodes=Count, video_episodes=Count, **kinds)
+    pilot, rules = keys.controller, settings.episode
     if options.video is not None:
-        new_file(options.video, ".mp4", asked.overwrite, "--video")
+        new_file(options.video, ".mp4", keys.overwrite, "--video")
     from needlehoop.envs.controllers import run_trials
     from needlehoop.tasks.layout import GRASPS, ArmEpisode
 
-    tried = {"episodes": settings}
+    cases = {"episodes": settings}
     if isinstance(rules, ArmEpisode):
         grasps = [rules.grasp] if typed(options.overrides, "episode.grasp") else GRASPS
-        tried = {one: replace(settings, episode=replace(rules, grasp=one)) for one in grasps}
-    found = {one: run_trials(own, who, asked.episodes).summary() for one, own in tried.items()}
+        cases = {grasp: replace(settings, episode=replace(rules, grasp=grasp)) for grasp in grasps}
+    columns = {key: run_trials(case, pilot, keys.episodes).summary() for key, case in cases.items()}
     if options.json:
-        print(json.dumps({"controller": who, "seed": settings.seed, **found}))
+        print(json.dumps({"controller": pilot, "seed": settings.seed, **columns}))
     else:
-        print(f"{who}, {asked.episodes} episodes each, seed {settings.seed}")
-        print(" " * 12 + "".join(f"{column:>12}" for column in found))
-        for name, first in next(iter(found.values())).items():
+        print(f"{pilot}, {keys.episodes} episodes each, seed {settings.seed}")
+        print(" " * 12 + "".join(f"{column:>12}" for column in columns))
+        for name, first in next(iter(columns.values())).items():
             form = "12d" if isinstance(first, int) else "12.3f"
-            print(f"{name:12}{''.join(f'{column[name]:{form}}' for column in found.values())}")
+            print(f"{name:12}{''.join(f'{column[name]:{form}}' for column in columns.values())}")
     if options.video is None:
         return
     from needlehoop.envs.build import build
@@ -252,6 +254,6 @@ def expert(options: argparse.Namespace) -> None:
 
     cams = settings.cams or ("rgb_default", "dep_front", "seg_side")
     simulation = build(replace(settings, cams=cams, num_envs=1))
-    record(simulation, controller(who, settings), asked.video_episodes, options.video)
+    record(simulation, controller(pilot, settings), keys.video_episodes, options.video)
     if not options.json:
         print(f"video: {options.video}")

@@ -16,21 +16,21 @@ from needlehoop.cli import demonstrations, evaluate, probe, scenes, study, vlm
 from needlehoop.cli.command import COMMANDS
 from needlehoop.runs.reading import printable
 
-_FILES = [one.__name__ for one in (scenes, evaluate, demonstrations, probe, vlm, study)]
+_FILES = [module.__name__ for module in (scenes, evaluate, demonstrations, probe, vlm, study)]
 """Where commands are, in the order of the help."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status."""
-    given = sys.argv[1:] if arguments is None else list(arguments)
-    if given[:1] == ["train"]:
+    words = sys.argv[1:] if arguments is None else list(arguments)
+    if words[:1] == ["train"]:
         # Its flags are Hydra's, and so are its errors: a line, and exit status 1.
         from needlehoop.cli.train import run
 
-        run(given[1:], "needlehoop train")
+        run(words[1:], "needlehoop train")
         return 0
     parser = _parser()
-    options, rest = parser.parse_known_args(given)
+    options, rest = parser.parse_known_args(words)
     flags = [word for word in rest if word.startswith("-")]
     if flags:
         parser.error(f"unknown option {flags[0]}; see `needlehoop {options.command} --help`")
@@ -69,7 +69,7 @@ def _parser() -> argparse.ArgumentParser:
     parsers.add_parser("train", help=summary, add_help=False)
     below = {}
     for name, command in sorted(
-        COMMANDS.items(), key=lambda one: _FILES.index(one[1].run.__module__)
+        COMMANDS.items(), key=lambda entry: _FILES.index(entry[1].run.__module__)
     ):
         group = name.rpartition(" ")[0]
         if group and group not in below:

@@ -36,8 +36,8 @@ def probe(options: argparse.Namespace) -> None:
 
     sets = camera_sets(values["combinations"], standing)
     heads = strict.value(values, "algo", PpoConfig).network
-    given = {**values, "env": standing, "camera_sets": sets, "heads": heads}
-    plan = strict.as_type(given, Plan)
+    plan_values = {**values, "env": standing, "camera_sets": sets, "heads": heads}
+    plan = strict.as_type(plan_values, Plan)
     place = Path(plan.results) / plan.study
     if strict.value(values, "compute", bool):
         with new_folder(place, strict.value(values, "overwrite", bool)) as folder:
@@ -46,7 +46,7 @@ def probe(options: argparse.Namespace) -> None:
             measuring.probe(plan, folder)
             typed, took = ["needlehoop", "probe", *options.overrides], time.perf_counter() - began
             Run(folder).note(**provenance(), command=typed, wall_time=round(took, 1))
-    lacking = [seen(one) for one in sets if not (place / f"seed0/{seen(one)}.csv").is_file()]
+    lacking = [seen(cams) for cams in sets if not (place / f"seed0/{seen(cams)}.csv").is_file()]
     if lacking:
         raise ValueError(
             f"compute: {place} lacks {lacking[0]}; compute=true measures all of these camera sets"

@@ -22,18 +22,18 @@ Levels = dict[str, dict[str, tuple[Amount, ...]]]
 def snapshot(options: argparse.Namespace) -> None:
     """Write a contact sheet of all views and renderings, start and goal."""
     flags = dict.fromkeys(("overwrite", "tiles", "raw", "disturbed"), bool)
-    settings, asked = environment(options, "snapshot", out=str, size=Pixels, levels=Levels, **flags)
-    if asked.tiles and Path(asked.out).suffix:
-        raise ValueError(f"out: {asked.out!r}; tiles=true writes a folder")
-    out = new_file(asked.out, "" if asked.tiles else ".png", asked.overwrite)
+    settings, keys = environment(options, "snapshot", out=str, size=Pixels, levels=Levels, **flags)
+    if keys.tiles and Path(keys.out).suffix:
+        raise ValueError(f"out: {keys.out!r}; tiles=true writes a folder")
+    out = new_file(keys.out, "" if keys.tiles else ".png", keys.overwrite)
     from needlehoop.pictures import stills
 
-    if asked.tiles:
-        images = {out / f"{name}.png": one for name, one in stills.tiles(settings).items()}
-    elif asked.disturbed:
-        images = {out: stills.disturbed_sheet(settings, asked.levels, asked.size)}
+    if keys.tiles:
+        images = {out / f"{name}.png": image for name, image in stills.tiles(settings).items()}
+    elif keys.disturbed:
+        images = {out: stills.disturbed_sheet(settings, keys.levels, keys.size)}
     else:
-        images = {out: stills.contact_sheet(settings, asked.size, asked.raw)}
+        images = {out: stills.contact_sheet(settings, keys.size, keys.raw)}
     for path, image in images.items():
         path.parent.mkdir(parents=True, exist_ok=True)
         image.save(path)
@@ -74,24 +74,24 @@ def export(options: argparse.Namespace) -> None:
     """
     what = Annotated[str, OneOf(*_SPECS, "policy")]
     kinds = {"what": what, "overwrite": bool, "run": str | None, "out": str | None}
-    settings, asked = environment(options, "export", **kinds)
-    if asked.what == "policy":
-        _export_policy(asked)
+    settings, keys = environment(options, "export", **kinds)
+    if keys.what == "policy":
+        _export_policy(keys)
         return
     from needlehoop.scene.export import mjcf, papers, write_folder
 
-    out = Path(asked.out or "psm")
-    name, spec = _SPECS[asked.what]
-    write_folder(out, {**mjcf(spec(settings), name), **papers()}, asked.overwrite)
+    out = Path(keys.out or "psm")
+    name, spec = _SPECS[keys.what]
+    write_folder(out, {**mjcf(spec(settings), name), **papers()}, keys.overwrite)
     print(f"{out / name}.xml; look at it: python -m mujoco.viewer --mjcf={out / name}.xml")
 
 
-def _export_policy(asked: Any) -> None:
-    out = new_file(asked.out or "policy.onnx", ".onnx", asked.overwrite)
+def _export_policy(keys: Any) -> None:
+    out = new_file(keys.out or "policy.onnx", ".onnx", keys.overwrite)
     from needlehoop.api.making import actor_in
     from needlehoop.learning.policy import PRECISION, onnx_bytes
 
-    spec, actor, origin = actor_in(asked.run or AGENT, "cpu", precision=PRECISION)
+    spec, actor, origin = actor_in(keys.run or AGENT, "cpu", precision=PRECISION)
     content = onnx_bytes(spec, actor)
     out.parent.mkdir(parents=True, exist_ok=True)
     write_whole(out, content)
@@ -128,8 +128,8 @@ def _scene(settings: Any) -> Any:
     task = settings.definition
     middle = torch.full((1, NUMBERS), 0.5, dtype=torch.float64)
     begun = task.start(settings.task, Chance(middle))
-    found = Addresses(spec.compile(), task.robot).state(begun)
-    qpos, mocap, ctrl = (found[name][0] for name in ("qpos", "mocap_pos", "ctrl"))
+    state = Addresses(spec.compile(), task.robot).state(begun)
+    qpos, mocap, ctrl = (state[name][0] for name in ("qpos", "mocap_pos", "ctrl"))
     spec.add_key(name="home", qpos=qpos, ctrl=ctrl, mpos=mocap.ravel())
     return spec
 
@@ -148,8 +148,8 @@ def studio(options: argparse.Namespace) -> None:
         raise ValueError("studio needs viser: pip install 'needlehoop[studio]'")
     kinds: dict[str, Any] = {"host": str, "port": Annotated[int, Range(0, 65_535)], "results": str}
     kinds |= {"run": str | None, "size": Pixels, "levels": Levels}
-    asked, words = beside_a_run(options, "studio", **kinds)
-    run = None if asked.run is None else Path(asked.run)
+    keys, words = beside_a_run(options, "studio", **kinds)
+    run = None if keys.run is None else Path(keys.run)
     import torch
 
     from needlehoop.envs.settings import Settings, compose_settings
@@ -164,27 +164,27 @@ def studio(options: argparse.Namespace) -> None:
         kept = [word for word in words if not (changed and word.startswith("task="))]
         if run is None:
             return compose_settings([*kept, *changed])
-        return flown_job(Run.open(run, "run").config(), [*kept, *changed], asked.trust)[0].env
+        return flown_job(Run.open(run, "run").config(), [*kept, *changed], keys.trust)[0].env
 
     # A policy of a few layers is fastest on one.
     torch.set_num_threads(1)
     settings = scene()
     _, folders = part(words)
-    who = players(settings, run, asked.trust, pick_device(asked.device))
+    choices = players(settings, run, keys.trust, pick_device(keys.device))
     named = [camera.rendering for camera in settings.cameras]
     plain = sorted(settings.renderings, key=lambda name: settings.renderings[name].depth != "none")
     rendering, *_ = *named, *plain
-    liked = ("last policy", "best policy", settings.definition.teacher, *who)
-    first = next(name for name in liked if name in who)
-    world = World(settings, who, asked.levels, rendering, first, asked.size)
+    liked = ("last policy", "best policy", settings.definition.teacher, *choices)
+    first = next(name for name in liked if name in choices)
+    world = World(settings, choices, keys.levels, rendering, first, keys.size)
     names = variants(settings.task.name, [CONF, *folders])
     source = Source(
-        layouts={"as given": scene} | {one: partial(scene, f"task={one}") for one in names},
+        layouts={"as given": scene} | {name: partial(scene, f"task={name}") for name in names},
         words=[w for w in words if not w.startswith(("cams=", "conf_dir="))],
         conf_dir=next(iter(typed(words, "conf_dir")), "my_conf"),
-        results=asked.results,
+        results=keys.results,
     )
-    page = Page(world, source, asked.host, asked.port)
+    page = Page(world, source, keys.host, keys.port)
     try:
         print("Ctrl-C ends it.", flush=True)
         page.run(settings.period)

@@ -108,20 +108,20 @@ def compare(options: argparse.Namespace) -> None:
     studies = [(read_run if runs else read_study)(folder) for folder in folders]
     if runs:
         of = "run"
-        found = [comparison.compared_runs([run for study in studies for run in study.runs])]
+        comparisons = [comparison.compared_runs([run for study in studies for run in study.runs])]
         beside = Path(os.path.relpath(os.path.commonpath([*map(os.path.abspath, folders)])))
     else:
-        of, found, beside = "study", comparison.comparisons(studies), folders[0].parent
-    names = [*dict.fromkeys(name for one in found for name in one)]
+        of, comparisons, beside = "study", comparison.comparisons(studies), folders[0].parent
+    names = [*dict.fromkeys(name for comparison in comparisons for name in comparison)]
     out = options.out or beside / _joint([name.replace("/", "-") for name in names], "_vs_")
     typed = f"needlehoop compare {' '.join(options.study)}"
-    for table in comparison.write_comparison(found, of, out, typed):
+    for table in comparison.write_comparison(comparisons, of, out, typed):
         print(table.text())
     page = out / "comparison.html"
     print(f"{page}; its tables and charts are beside it")
     for study in studies:
-        for one in study.left_out:
-            print(f"left out: {study.folder}/{one}")
+        for entry in study.left_out:
+            print(f"left out: {study.folder}/{entry}")
 
 
 def _joint(names: list[str], word: str) -> str:
@@ -151,7 +151,7 @@ def _open(study: str) -> StudyFindings:
 
     findings = study_findings(Path(study))
     if not findings.results:
-        reasons = "".join(f"\n  {one}" for one in findings.study.left_out)
+        reasons = "".join(f"\n  {entry}" for entry in findings.study.left_out)
         raise ValueError(f"{study}: no run with a final value yet{reasons}")
     return findings
 

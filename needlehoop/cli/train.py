@@ -32,17 +32,17 @@ def run(words: Sequence[str], command: str) -> None:
     """
     name = command.removeprefix("python ")
     with _in_a_line(name):
-        given, _ = composing.prepare(words)
+        arguments, _ = composing.prepare(words)
 
     # A closure: the process of a launcher has another command line.
     def job(composed: DictConfig) -> float:
         # Hydra has folders of one's own in its search path, and not among a run's words.
-        own = [word for word in words if word.startswith("conf_dir=")]
-        return _run_one(composed, command, given, own)
+        folders = [word for word in words if word.startswith("conf_dir=")]
+        return _run_one(composed, command, arguments, folders)
 
     # Hydra's parser takes settings in one piece, after its flags.
-    asked = [*given, *sweep.direction(given)]
-    sys.argv[1:] = sorted(asked, key=lambda word: "=" in word and not word.startswith("-"))
+    command_line = [*arguments, *sweep.direction(arguments)]
+    sys.argv[1:] = sorted(command_line, key=lambda word: "=" in word and not word.startswith("-"))
     # Hydra raises errors instead of printing them.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     main = hydra.main(config_path=str(composing.CONF), config_name="config", version_base="1.3")
@@ -73,15 +73,15 @@ def _run_one(
     """One run; under ``-m`` called once for each. Its objective, for a sweeper that searches."""
     from needlehoop.training.loop import start
 
-    values, own = composing.plain(composed), HydraConfig.get()
-    overrides = [*folders, *own.overrides.task]
-    if own.mode != RunMode.MULTIRUN:
+    values, conf = composing.plain(composed), HydraConfig.get()
+    overrides = [*folders, *conf.overrides.task]
+    if conf.mode != RunMode.MULTIRUN:
         # Hydra would print all settings before it passed an error on.
         with _in_a_line(command.removeprefix("python ")):
             return start(values, overrides, command)[1]
     words = [word for word in typed if not word.startswith("-")]
-    values["label"] = sweep.label_of(values, words, own.sweeper.params or {}, own.overrides.task)
-    values["engine"]["threads"] = values["engine"]["threads"] or sweep.threads(own.launcher)
+    values["label"] = sweep.label_of(values, words, conf.sweeper.params or {}, conf.overrides.task)
+    values["engine"]["threads"] = values["engine"]["threads"] or sweep.threads(conf.launcher)
     values["existing"] = "resume" if values["existing"] == "auto" else values["existing"]
     share = partial(start, values, overrides, command)
-    return sweep.attempt(share, Path(own.runtime.output_dir), sweep.identity(values, overrides))
+    return sweep.attempt(share, Path(conf.runtime.output_dir), sweep.identity(values, overrides))

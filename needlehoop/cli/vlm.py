@@ -31,8 +31,8 @@ def vlm_question(options: argparse.Namespace) -> None:
 
     questions = strict.as_type(values, Questions)
     with _open(values) as inquiry:
-        found = inquiry.question(questions)
-    for row in as_rows(found["answers"], found["asked"]):
+        result = inquiry.question(questions)
+    for row in as_rows(result["answers"], result["asked"]):
         print(printable(f"{row.question}: {row.answer}"))
     _report(inquiry, "questions.csv")
 
@@ -55,17 +55,17 @@ def vlm_rank(options: argparse.Namespace) -> None:
         # One picture against two is no question.
         counts = sorted({name.count("+") for name in named})
         values["sets"] = [[name for name in named if name.count("+") == n] for n in counts]
-    elif any(isinstance(one, str) for one in values["sets"] or ()):
+    elif any(isinstance(name, str) for name in values["sets"] or ()):
         values["sets"] = [values["sets"]]
     folder, about = (strict.value(values, key, str | None) for key in ("pictures", "about"))
     questions, lists = strict.as_type(values, Questions), strict.as_type(values, Lists)
     bench = None if folder is None else read_folder(Path(folder), about, values["size"])
     with _open(values) as inquiry:
         if bench is None:
-            found, how = inquiry.rank(questions, lists), inquiry.ranked(lists)
+            result, how = inquiry.rank(questions, lists), inquiry.ranked(lists)
         else:
-            found, how = inquiry.rank_pictures(*bench, lists), "_pictures"
-    for number, entry in enumerate(found["lists"], 1):
+            result, how = inquiry.rank_pictures(*bench, lists), "_pictures"
+    for number, entry in enumerate(result["lists"], 1):
         for places in entry["rankings"]:
             print(f"list {number}: {' > '.join(place['name'] for place in places)}")
         if entry["agreement"]:
@@ -86,7 +86,7 @@ def vlm_reward(options: argparse.Namespace) -> None:
     several = [composing.compose(words, "vlm_reward") for words in _sets(options.overrides)]
     from needlehoop.rewards.program_reward import Flavour
 
-    own = strict.read(several[0], flavour=Flavour, samples=Samples, revise=str | None)
+    keys = strict.read(several[0], flavour=Flavour, samples=Samples, revise=str | None)
     for values in several:
         strict.value(values, "gates", Gates)
         _understood(values)
@@ -95,21 +95,21 @@ def vlm_reward(options: argparse.Namespace) -> None:
     from needlehoop.vlm.record import RefusalError
     from needlehoop.vlm.writing import read_run
 
-    if own.revise is not None and (own.samples > 1 or len(several) > 1):
+    if keys.revise is not None and (keys.samples > 1 or len(several) > 1):
         raise ValueError("revise: one run for one camera set and one sample")
-    trained = None if own.revise is None else read_run(Path(own.revise), several[0]["size"])
+    trained = None if keys.revise is None else read_run(Path(keys.revise), several[0]["size"])
     rules, failed = None, []
     for values in several:
         with _open(values) as inquiry:
             if len(several) > 1:
                 print("+".join(values["cams"]))
-                if inquiry.has_rewards(own.flavour, own.samples) and not values["overwrite"]:
+                if inquiry.has_rewards(keys.flavour, keys.samples) and not values["overwrite"]:
                     print("  is there already")
                     continue
             # The trajectories that programs are judged by do not depend on the cameras.
             rules = rules or rules_of(values)
             try:
-                paths = inquiry.reward(own.flavour, rules, own.samples, trained)
+                paths = inquiry.reward(keys.flavour, rules, keys.samples, trained)
             except (NoAnswerError, RefusalError) as error:
                 if len(several) == 1:
                     raise
@@ -138,7 +138,7 @@ def _sets(words: list[str]) -> list[list[str]]:
     if len(sets) < 2:
         return [words]
     rest = [word for word in words if not word.startswith("cams=")]
-    return [[*rest, f"cams={one}"] for one in sets]
+    return [[*rest, f"cams={cams}"] for cams in sets]
 
 
 def _understood(values: dict[str, Any]) -> tuple[Any, Any, Any]:
@@ -146,10 +146,10 @@ def _understood(values: dict[str, Any]) -> tuple[Any, Any, Any]:
     from needlehoop.training.session import provider_config
     from needlehoop.vlm.config import InquiryConfig
 
-    asked, provider = strict.as_type(values, InquiryConfig), provider_config(values["vlm"])
+    config, provider = strict.as_type(values, InquiryConfig), provider_config(values["vlm"])
     from needlehoop.envs.settings import settings_from
 
-    return settings_from(values), asked, provider
+    return settings_from(values), config, provider
 
 
 def _open(values: dict[str, Any]) -> Inquiry:
@@ -183,17 +183,19 @@ def vlm_check(options: argparse.Namespace) -> int:
     files = [word for word in options.overrides if "=" not in word]
     options.overrides = [word for word in options.overrides if "=" in word]
     place: dict[str, Any] = {"study": str, "results": str, "recording": str | None, "sample": Count}
-    settings, own = environment(
+    settings, keys = environment(
         options, "check", gates=Gates, flavour=Flavour, unit=Positive | None, **place
     )
-    check_name("study", own.study)
+    check_name("study", keys.study)
     if files:
         source = read(Path(files[0]))
-    elif settings.cams or own.flavour == "text":
-        source = find(settings.cams, own.flavour, own.study, own.results, own.recording, own.sample)
+    elif settings.cams or keys.flavour == "text":
+        source = find(
+            settings.cams, keys.flavour, keys.study, keys.results, keys.recording, keys.sample
+        )
     else:
         raise ValueError("name a file, or the cameras whose program it is: cams=[…]")
-    source = scaled(source, own.unit, "unit")
+    source = scaled(source, keys.unit, "unit")
     try:
         program = compile_program(source.text, settings.definition.signals)
     except ProgramError as error:
@@ -203,9 +205,9 @@ def vlm_check(options: argparse.Namespace) -> int:
         return 1
     from needlehoop.vlm.gate_report import gate_report
 
-    found = gate_report(program, settings, own.gates)
+    report = gate_report(program, settings, keys.gates)
     if options.json:
-        print(json.dumps({"origin": source.origin, **found.as_dict()}))
+        print(json.dumps({"origin": source.origin, **report.as_dict()}))
     else:
-        print(f"program      {source.origin}\n{found}")
-    return 0 if found.passed else 1
+        print(f"program      {source.origin}\n{report}")
+    return 0 if report.passed else 1

@@ -29,15 +29,15 @@ _NO_EFFECT = ("engine.kind", "engine.threads", "picture.")
 
 def parted(words: Iterable[str], command: str) -> tuple[list[str], list[str]]:
     """Words for a command, whose keys ``conf/<command>.yaml`` has, and those that change a run."""
-    given, keys = list(words), _keys(command)
-    own = [word for word in given if _top(word) in keys]
-    return own, [word for word in given if word not in own]
+    overrides, keys = list(words), _keys(command)
+    command_words = [word for word in overrides if _top(word) in keys]
+    return command_words, [word for word in overrides if word not in command_words]
 
 
 def changed(
     recorded: Mapping[str, Any], words: Iterable[str], command: str | None = None
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """A run's settings after the words, and those among them that are no longer the run's.
+    """A run's settings after the words are applied, and those among them that changed.
 
     A group's option replaces the group; another word sets one value. Where a key is unknown, the
     ``command``'s keys are named beside the others.
@@ -46,8 +46,8 @@ def changed(
     ``episode.grasp``. Raises ``ValueError`` for an unknown key or option, or a key that may not be
     changed.
     """
-    given, before = list(words), deepcopy(dict(recorded))
-    tops = check(given, recorded, command)
+    overrides, before = list(words), deepcopy(dict(recorded))
+    tops = check(overrides, recorded, command)
     if not tops:
         return before, {}
     if newer := tops - {*recorded}:
@@ -56,23 +56,23 @@ def changed(
         before |= {top: default[top] for top in newer}
 
     task = recorded["task"]["name"]
-    prepared, folders = composing.prepare(given, task, recorded.get("task_dir"))
+    prepared, folders = composing.prepare(overrides, task, recorded.get("task_dir"))
     place = [word for word in prepared if word.startswith("hydra.searchpath=")]
     rest = [word for word in prepared if word not in place]
     groups = {one.name for folder in (CONF, *folders) for one in folder.iterdir() if one.is_dir()}
     replaced = {word.lstrip("+").partition("=")[0] for word in rest} & groups
-    # With an option go the values that are typed for it: it may lack some, as reward=file does.
+    # An option is composed with the values typed for it: it may lack some, as reward=file does.
     chosen = [word for word in rest if _top(word) in replaced]
     values = deepcopy(before)
     if chosen:
         # A reward's file refers to the cameras, which may be of a folder that is not given here.
         seen = [f"++cameras.{name}=null" for name in recorded["cams"] if "reward" in tops]
         with initialize_config_dir(str(CONF), version_base="1.3"):
-            found = composing.compose_here([*place, *chosen, *seen], "env")
-        values |= {group: found[group] for group in replaced}
+            composed = composing.compose_here([*place, *chosen, *seen], "env")
+        values |= {group: composed[group] for group in replaced}
     if values["task"].get("name") != task:
-        own = ", ".join(options.variants(task, [CONF, *folders]))
-        raise ValueError(f"task: the run's is {task}; choose from {own}")
+        variants = ", ".join(options.variants(task, [CONF, *folders]))
+        raise ValueError(f"task: the run's is {task}; choose from {variants}")
     for word in rest:
         if word not in chosen:
             _set(values, word)
@@ -103,14 +103,14 @@ def check(words: Iterable[str], recorded: Mapping[str, Any], command: str | None
 def _set(values: dict[str, Any], word: str) -> None:
     """Set one value by a word, in place."""
     with composing.explained("env"):
-        (one,) = OverridesParser.create().parse_overrides([word])
-    *above, last = one.key_or_group.split(".")
+        (override,) = OverridesParser.create().parse_overrides([word])
+    *above, last = override.key_or_group.split(".")
     here: Any = values
     for key in above:
         here = here.setdefault(key, {})
         if not isinstance(here, dict):
-            raise ValueError(f"{one.key_or_group}: {key} has no keys")
-    here[last] = one.value()
+            raise ValueError(f"{override.key_or_group}: {key} has no keys")
+    here[last] = override.value()
 
 
 def setting(word: str) -> tuple[str, str]:
@@ -126,9 +126,9 @@ def _top(word: str) -> str:
 
 def _keys(config: str) -> list[str]:
     """The keys and groups that a config of ``conf/`` names itself."""
-    own = read_yaml(CONF / f"{config}.yaml")
-    listed: list[Any] = own.pop("defaults", [])
-    return [*own, *(key for entry in listed if isinstance(entry, Mapping) for key in entry)]
+    settings = read_yaml(CONF / f"{config}.yaml")
+    listed: list[Any] = settings.pop("defaults", [])
+    return [*settings, *(key for entry in listed if isinstance(entry, Mapping) for key in entry)]
 
 
 def _leaves(values: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:

@@ -82,8 +82,8 @@ def explained(config: str) -> Iterator[None]:
         # Hydra's own command line is over by now.
         is_over = not GlobalHydra.instance().is_initialized()
         with initialize_config_dir(str(CONF), version_base="1.3") if is_over else nullcontext():
-            said = _explain(str(error), config)
-        raise ValueError(said) from error
+            message = _explain(str(error), config)
+        raise ValueError(message) from error
 
 
 def _explain(text: str, config: str) -> str:
@@ -93,13 +93,13 @@ def _explain(text: str, config: str) -> str:
         # One of several options of a group; of a single one, Hydra itself lists the others.
         valid = GlobalHydra.instance().config_loader().get_group_options(option[1])
         return f"{line} Available options in {option[1]!r}: {' '.join(valid)}"
-    found = re.search(r"Could not override '([^']+)'", text)
-    if not found:
+    match = re.search(r"Could not override '([^']+)'", text)
+    if not match:
         return line
     here: Any = hydra_compose(config)
-    for key in found[1].split("."):
+    for key in match[1].split("."):
         if isinstance(here, DictConfig) and key not in here:
             valid = ", ".join(sorted({*map(str, here)} - {options.CAMERAS}))
-            return f"{found[1]}: unknown key {key!r}; choose from {valid}"
+            return f"{match[1]}: unknown key {key!r}; choose from {valid}"
         here = here[key] if isinstance(here, DictConfig) else None
     return line

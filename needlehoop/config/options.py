@@ -36,7 +36,7 @@ _OF_TASK = {"episode": ("default", "episode"), "reward": ("human", "reward/human
 def typed(words: Iterable[str], key: str) -> list[str]:
     """The values that a command line gives a key, as they were typed."""
     pairs = (word.lstrip("+").partition("=") for word in words)
-    return [value for name, found, value in pairs if found and name == key]
+    return [value for name, separator, value in pairs if separator and name == key]
 
 
 def part(words: Iterable[str]) -> tuple[list[str], list[Path]]:
@@ -45,11 +45,11 @@ def part(words: Iterable[str]) -> tuple[list[str], list[Path]]:
     ``conf_dir=`` is taken out. ``task_dir=`` becomes a whole path, and chooses its only task if no
     task is named. Raises ``ValueError`` for one that is no config folder, or has a taken name.
     """
-    given = list(words)
-    folders = [Path(path).expanduser().resolve() for path in typed(given, "conf_dir")]
+    overrides = list(words)
+    folders = [Path(path).expanduser().resolve() for path in typed(overrides, "conf_dir")]
     for folder in folders:
         _check(folder, "conf_dir")
-    rest = [word for word in given if not word.startswith("conf_dir=")]
+    rest = [word for word in overrides if not word.startswith("conf_dir=")]
     task, chosen = typed(rest, "task"), ["", *typed(rest, "task_dir")][-1].strip("'\"")
     if chosen not in ("", "null"):
         place = Path(chosen).expanduser().resolve()
@@ -71,8 +71,8 @@ def in_quotes(path: str) -> str:
 def _only_task(folder: Path) -> str:
     options = names([folder / "conf"], "task")
     if len(options) != 1:
-        found = ", ".join(options) or "none, for there is no conf/task/*.yaml"
-        raise ValueError(f"task_dir: {str(folder)!r}: which task=? choose from {found}")
+        valid = ", ".join(options) or "none, for there is no conf/task/*.yaml"
+        raise ValueError(f"task_dir: {str(folder)!r}: which task=? choose from {valid}")
     return options[0]
 
 
@@ -92,7 +92,7 @@ def _check(folder: Path, key: str) -> None:
     """Raises ``ValueError`` for a folder or file that Hydra would silently ignore."""
     if not folder.is_dir():
         raise ValueError(f"{key}: {str(folder)!r} is no folder")
-    groups = sorted(one.name for one in CONF.iterdir() if one.is_dir())
+    groups = sorted(path.name for path in CONF.iterdir() if path.is_dir())
     for file in folder.rglob("*.yaml"):
         # That folder is imported, and a file must not decide it.
         if "task_dir" in read_option(file):
@@ -102,19 +102,19 @@ def _check(folder: Path, key: str) -> None:
         if group not in groups:
             raise ValueError(f"{key}: {group!r} is no group; choose from {', '.join(groups)}")
         # A view is known by its name alone, whatever folder its file is in.
-        ours = list(CONF.glob(f"view/**/{file.name}" if group == "view" else str(option)))
-        if ours or option.with_suffix("").parts[1:] == _OF_TASK.get(group, ())[:1]:
+        namesakes = list(CONF.glob(f"view/**/{file.name}" if group == "view" else str(option)))
+        if namesakes or option.with_suffix("").parts[1:] == _OF_TASK.get(group, ())[:1]:
             raise ValueError(f"{key}: {option}: the name is taken; choose another")
 
 
 def register(words: Iterable[str], folders: Sequence[Path], task: str | None = None) -> None:
-    """Tell Hydra of the options that a command line may choose; of ``folders``, ours is the first.
+    """Tell Hydra of the options that a command line may choose; the first of ``folders`` is ours.
 
     A run decides its ``task``. Raises ``ValueError`` for a sweep over several tasks.
     """
-    given = list(words)
-    _register_cameras(given, folders)
-    chosen = ["standard", *typed(given, "task")][-1].strip("'\"").split(",")
+    overrides = list(words)
+    _register_cameras(overrides, folders)
+    chosen = ["standard", *typed(overrides, "task")][-1].strip("'\"").split(",")
     tasks = {task} if task else {_task_of(option, folders) for option in chosen}
     if len(tasks) > 1:
         raise ValueError(f"task: a sweep is over one task's variants, not {', '.join(tasks)}")
@@ -145,10 +145,10 @@ def _register_cameras(words: Sequence[str], folders: Sequence[Path]) -> None:
         for name in typed(words, "experiment")
         for file in _files(folders, f"experiment/{name}.yaml")
     ]
-    own = [view for one in experiments for view in one.get("views", ())]
+    experiment_views = [view for experiment in experiments for view in experiment.get("views", ())]
     # An earlier call may have registered another folder.
     store.repo.pop("cams", None)
-    for rendering, view in product(renderings, [*views, *own, *apart]):
+    for rendering, view in product(renderings, [*views, *experiment_views, *apart]):
         name = f"{rendering}_{view}"
         node: dict[str, Any] = {CAMERAS: {name: {"view": view, "rendering": rendering}}}
         if view in apart:
@@ -170,12 +170,12 @@ def _task_of(option: str, folders: Sequence[Path]) -> str:
 
 def variants(task: str, folders: Sequence[Path]) -> list[str]:
     """What ``task=`` may be for a task by its name."""
-    found = {
+    options = {
         str(file.relative_to(folder / "task").with_suffix(""))
         for folder in folders
         for file in (folder / "task").rglob("*.yaml")
     }
-    return sorted(option for option in found if _task_of(option, folders) == task)
+    return sorted(option for option in options if _task_of(option, folders) == task)
 
 
 def names(folders: Iterable[Path], group: str) -> list[str]:

@@ -97,11 +97,11 @@ def structure(values: Any, kind: Any, path: str = "") -> Any:
         ValueError: names every key that is wrong, and why.
     """
     try:
-        (found,) = _adapter(kind).validate_python((values,))
+        (result,) = _adapter(kind).validate_python((values,))
     except ValidationError as error:
         lines = [_line(one, kind, path) for one in error.errors(include_url=False)]
         raise ValueError("; ".join(dict.fromkeys(lines))) from error
-    return found
+    return result
 
 
 def as_type(values: Mapping[str, Any], kind: type[T]) -> T:
@@ -154,16 +154,16 @@ def _line(error: ErrorDetails, kind: Any, path: str) -> str:
         names = ", ".join(f.name for f in fields(_type_at(kind, above)))
         key = shown(inner[-1])[1:-1]
         what = f"{key} is missing" if error["type"] == "missing" else f"unknown key {key}"
-        said = f"{what}; its keys are {names}"
+        text = f"{what}; its keys are {names}"
     elif error["type"] == "value_error":
-        said = str(error.get("ctx", {})["error"])
+        text = str(error.get("ctx", {})["error"])
         # What a dataclass says of its own fields may name the key already.
-        if not where or said.startswith(where.split(".")[0]):
-            return said
+        if not where or text.startswith(where.split(".")[0]):
+            return text
     else:
         words = _WORDS.get(error["type"], error["msg"].replace("Input should", "should"))
-        said = f"{shown(error['input'])} {words.format(**error.get('ctx', {}))}"
-    return f"{where}: {said}" if where else said
+        text = f"{shown(error['input'])} {words.format(**error.get('ctx', {}))}"
+    return f"{where}: {text}" if where else text
 
 
 def _type_at(kind: Any, keys: Sequence[str]) -> Any:
@@ -174,6 +174,6 @@ def _type_at(kind: Any, keys: Sequence[str]) -> Any:
         hints = get_type_hints(kind, include_extras=True)
         return _type_at(hints[keys[0]], keys[1:]) if keys else kind
     inner = [one for one in get_args(kind) if one is not type(None)]
-    # Of a mapping the values, of a list the items; what may be None has no key of its own.
+    # A mapping's values, a list's items; a type that may be None adds no key.
     is_keyed = get_origin(kind) in (Mapping, dict, tuple)
     return _type_at(inner[0 if get_origin(kind) is tuple else -1], keys[1:] if is_keyed else keys)

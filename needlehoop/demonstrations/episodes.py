@@ -58,8 +58,8 @@ class Demonstration:
 def scripted(name: str, task: Task) -> MakeController:
     """A task's controller by its name, or ``PERTURBED``; ``ValueError`` for an unknown one."""
     # Nobody learns from a cheat.
-    others = (one for one in task.controllers if one not in (task.teacher, "cheat"))
-    valid = (task.teacher, *others, PERTURBED)
+    scripts = (script for script in task.controllers if script not in (task.teacher, "cheat"))
+    valid = (task.teacher, *scripts, PERTURBED)
     if name not in valid:
         raise ValueError(
             f"demonstrator: {name!r} is unknown; choose from {', '.join(valid)},"
@@ -71,7 +71,7 @@ def scripted(name: str, task: Task) -> MakeController:
 
     def pilot(simulation: Simulation) -> Controller:
         settings = simulation.settings
-        # A batch's noise is drawn for a full one: an episode is the same in a smaller.
+        # Noise is drawn for a full batch: an episode is the same in a smaller one.
         generator = torch.Generator().manual_seed(settings.seed + (next(batches) << 32))
         noise = Perturbation(_BATCH, settings.episode.action_size, _STRONGEST, generator)
         expert = controller(settings.definition.teacher, settings)
@@ -121,13 +121,13 @@ def _row(simulation: Simulation, step: Step) -> TensorDict:
 
 
 def _episode(rows: list[TensorDict], env: int) -> Demonstration:
-    """One environment's episode, of what a batch's steps were."""
-    own: Any = torch.stack([row[env] for row in rows if bool(row["alive"][env])])
+    """One environment's episode, from the steps of a batch."""
+    steps: Any = torch.stack([row[env] for row in rows if bool(row["alive"][env])])
     return Demonstration(
-        images={name: one.numpy() for name, one in own["images"].items()},
-        vectors={name: one.numpy() for name, one in own["vectors"].items()},
-        actions=own["action"][1:].numpy(),
-        rewards=own["reward"][1:].numpy(),
-        success=bool(own["success"][-1]),
-        terminated=bool(own["terminated"][-1]),
+        images={name: frames.numpy() for name, frames in steps["images"].items()},
+        vectors={name: values.numpy() for name, values in steps["vectors"].items()},
+        actions=steps["action"][1:].numpy(),
+        rewards=steps["reward"][1:].numpy(),
+        success=bool(steps["success"][-1]),
+        terminated=bool(steps["terminated"][-1]),
     )

@@ -26,7 +26,7 @@ _LAST_CODE = 4095
 _ORDER = ["-g", "2", "-bf", "0"]
 """Every second frame can be jumped to; frames are in the order of their times."""
 
-# A quality of None, for each has its own; a block of one pixel, for nothing is scaled.
+# No quality: each film sets its own. Blocks of one pixel: nothing is scaled.
 _BOTH: dict[str, Any] = {"quality": None, "macro_block_size": 1}
 _COLOUR: dict[str, Any] = {
     **_BOTH,
@@ -55,7 +55,7 @@ class Span(NamedTuple):
 
 def spans(settings: Settings) -> dict[str, Span]:
     """The depths in each film of depth, by key; ``ValueError`` for images too small for one."""
-    found = {
+    depths = {
         f"{_PREFIX}{camera.name}{_DEPTH}": Span(view.near, view.far)
         for camera in settings.cameras
         for view in [settings.views[camera.view]]
@@ -63,11 +63,11 @@ def spans(settings: Settings) -> dict[str, Span]:
     }
     # The codec of depth takes no smaller ones.
     size = settings.image_size
-    if found and min(sides(size)) < 16:
+    if depths and min(sides(size)) < 16:
         raise ValueError(
             f"image_size: {typed(size)}; LeRobot's films of depth need at least 16 pixels"
         )
-    return found
+    return depths
 
 
 def streams(episode: Demonstration, depths: Mapping[str, Span]) -> dict[str, np.ndarray]:
@@ -75,16 +75,16 @@ def streams(episode: Demonstration, depths: Mapping[str, Span]) -> dict[str, np.
 
     Colours ``(t, h, w, 3)`` uint8; depth ``(t, h, w, 1)`` float32, m.
     """
-    found = {}
+    films = {}
     for name, images in episode.images.items():
         key, seen = f"{_PREFIX}{name}", images[:-1]
         if seen.shape[-1] >= 3:
-            found[key] = seen[..., :3]
+            films[key] = seen[..., :3]
         if span := depths.get(key + _DEPTH):
             # The camera's channel is 255 at its near depth and 0 at its far depth.
             depth = span.far - seen[..., -1:] / 255 * (span.far - span.near)
-            found[key + _DEPTH] = depth.astype(np.float32)
-    return found
+            films[key + _DEPTH] = depth.astype(np.float32)
+    return films
 
 
 @contextmanager
@@ -111,7 +111,7 @@ def film(
 def description(size: ImageSize, rate: int, span: Span | None) -> dict[str, Any]:
     """What the dataset's metadata say of a film, in LeRobot's words; as in ``film``."""
     is_depth, (width, height) = span is not None, sides(size)
-    said: dict[str, Any] = {
+    fields: dict[str, Any] = {
         "video.height": height,
         "video.width": width,
         "video.channels": 1 if is_depth else 3,
@@ -124,7 +124,7 @@ def description(size: ImageSize, rate: int, span: Span | None) -> dict[str, Any]
         "video.is_depth_map": is_depth,
     }
     if span is not None:
-        said |= {
+        fields |= {
             "video.depth_min": span.near,
             "video.depth_max": span.far,
             "video.use_log": False,
@@ -133,4 +133,4 @@ def description(size: ImageSize, rate: int, span: Span | None) -> dict[str, Any]
             # Of the statistics.
             "depth_unit": "m",
         }
-    return said
+    return fields

@@ -51,7 +51,7 @@ def write(
     """
     rate, task, depths = frames_a_second(settings), settings.definition, spans(settings)
     films: dict[str, Callable[[np.ndarray], None]] = {}
-    # Rows of all episodes, and of their images a few; films are too large to keep.
+    # All rows of all episodes, but few of their images: films are too large to keep.
     kept: defaultdict[str, list[np.ndarray]] = defaultdict(list)
     stories: list[dict[str, Any]] = []
     with ExitStack() as open_films:
@@ -65,11 +65,11 @@ def write(
                 films[key](images)
             begin = stories[-1]["dataset_to_index"] if stories else 0
             few = -(-len(episode) // SAMPLED)
-            own = rows_of(episode, len(stories), begin, rate)
-            own |= {key: images[::few] for key, images in seen.items()}
-            for key, values in own.items():
+            episode_columns = rows_of(episode, len(stories), begin, rate)
+            episode_columns |= {key: images[::few] for key, images in seen.items()}
+            for key, values in episode_columns.items():
                 kept[key].append(values)
-            stories.append(_story(task.summary, own, films, rate))
+            stories.append(_story(task.summary, episode_columns, films, rate))
     columns = {key: np.concatenate(rows) for key, rows in kept.items()}
     plain = {key: rows for key, rows in columns.items() if key not in films}
     table = pa.table({key: column(rows) for key, rows in plain.items()})

@@ -30,7 +30,7 @@ def frames_a_second(settings: Settings) -> int:
 
 
 def rows_of(episode: Demonstration, number: int, begin: int, rate: int) -> dict[str, np.ndarray]:
-    """The columns of an episode's frames, the first of which is the dataset's ``begin``."""
+    """The columns of an episode's frames; ``begin``: the first one's number in the dataset."""
     n = len(episode)
     last = np.arange(n) == n - 1
     seen = {f"observation.{name}": rows[:-1] for name, rows in episode.vectors.items()}
@@ -63,12 +63,12 @@ def features(
     rate: int,
 ) -> dict[str, Any]:
     """What ``meta/info.json`` says of each film, by its depths, and of each column."""
-    found: dict[str, Any] = {}
+    entries: dict[str, Any] = {}
     for key, span in films.items():
         told = description(settings.image_size, rate, span)
         names = ["height", "width", "channels"]
         shape = [told[f"video.{name}"] for name in names]
-        found[key] = {"dtype": "video", "shape": shape, "names": names, "info": told}
+        entries[key] = {"dtype": "video", "shape": shape, "names": names, "info": told}
     task = settings.definition
     names = {"observation.state": proprio_names(task)}
     if action := task.robot.actions.get(settings.episode.control):
@@ -76,8 +76,8 @@ def features(
     for key, rows in columns.items():
         dtype = "string" if rows.dtype.kind == "U" else str(rows.dtype)
         shape = list(rows.shape[1:]) or [1]
-        found[key] = {"dtype": dtype, "shape": shape, "names": names.get(key)}
-    return found
+        entries[key] = {"dtype": dtype, "shape": shape, "names": names.get(key)}
+    return entries
 
 
 def made_by(settings: Settings, demonstrator: str, provenance: Mapping[str, Any]) -> dict[str, Any]:
@@ -95,9 +95,9 @@ def proprio_names(task: Task) -> list[str]:
     """Names of the numbers that a robot knows of itself: a sensor's, or its signal's."""
     names = []
     for signal in task.robot.proprio:
-        own, size = [*sensors_of({signal: task.signals[signal]})], task.signals[signal].size
+        sensors, size = [*sensors_of({signal: task.signals[signal]})], task.signals[signal].size
         numbered = [signal] if size == 1 else [f"{signal}_{i}" for i in range(size)]
-        names += own if len(own) == size else numbered
+        names += sensors if len(sensors) == size else numbered
     return names
 
 
@@ -112,7 +112,7 @@ def spread(values: np.ndarray) -> dict[str, Any]:
         rows, shape = rows.reshape(-1, values.shape[-1]), (-1, 1, 1)
         if values.dtype == np.uint8:
             rows = rows / 255.0
-    found = {name: getattr(rows, name)(0) for name in ("min", "max", "mean", "std")}
-    found |= {name: np.quantile(rows, share, axis=0) for name, share in _QUANTILES.items()}
-    told = {name: row.reshape(shape).tolist() for name, row in found.items()}
+    statistics = {name: getattr(rows, name)(0) for name in ("min", "max", "mean", "std")}
+    statistics |= {name: np.quantile(rows, share, axis=0) for name, share in _QUANTILES.items()}
+    told = {name: row.reshape(shape).tolist() for name, row in statistics.items()}
     return {**told, "count": [len(values)]}

@@ -53,12 +53,12 @@ def write(
 
 
 def _observed(episode: Demonstration) -> spaces.Dict:
-    found: dict[str, spaces.Space] = {}
+    boxes: dict[str, spaces.Space] = {}
     for name, rows in episode.images.items():
-        found[name] = spaces.Box(0, 255, rows.shape[1:], np.uint8)
+        boxes[name] = spaces.Box(0, 255, rows.shape[1:], np.uint8)
     for name, rows in episode.vectors.items():
-        found[name] = spaces.Box(-np.inf, np.inf, rows.shape[1:], np.float32)
-    return spaces.Dict(found)
+        boxes[name] = spaces.Box(-np.inf, np.inf, rows.shape[1:], np.float32)
+    return spaces.Dict(boxes)
 
 
 def _episode(episode: Demonstration) -> EpisodeBuffer:

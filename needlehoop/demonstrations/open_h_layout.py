@@ -71,12 +71,12 @@ def write(
     kept: list[_Kept] = []
     for episode in episodes:
         kept.append(_filmed(folder, episode, len(kept), settings.image_size, rate))
-    good = [one for one in kept if one.episode.success]
-    bad = [one for one in kept if not one.episode.success]
+    good = [entry for entry in kept if entry.episode.success]
+    bad = [entry for entry in kept if not entry.episode.success]
     task, frames, stories, stats = settings.definition, 0, [], []
     texts = {"instruction.text": task.summary, "observation.meta.tool": task.robot.tool}
     columns: dict[str, np.ndarray] = {}
-    for number, (episode, films, own) in enumerate([*good, *bad]):
+    for number, (episode, films, film_stats) in enumerate([*good, *bad]):
         n, numbers = len(episode), rows_of(episode, number, frames, rate)
         columns = numbers | {key: np.full(n, text) for key, text in texts.items() if text}
         frames += n
@@ -86,7 +86,7 @@ def write(
         for key, filmed in films.items():
             filmed.rename(_made(folder / _FILM.format(video_key=key, **place)))
         stories.append({"episode_index": number, "tasks": [task.summary], "length": n})
-        spreads = own | {key: spread(rows) for key, rows in numbers.items()}
+        spreads = film_stats | {key: spread(rows) for key, rows in numbers.items()}
         stats.append({"episode_index": number, "stats": spreads})
     (folder / _WAITING).rmdir()
     films, total = kept[0].films, len(kept)
@@ -134,8 +134,8 @@ def _made(path: Path) -> Path:
 
 def _readme(info: Mapping[str, Any], settings: Settings, demonstrator: str) -> str:
     """Open-H's page on a dataset, as far as we can fill it."""
-    told = {key: one for key, one in info["features"].items() if one["names"]}
-    cameras = [key for key, one in told.items() if one["dtype"] == "video"]
+    told = {key: feature for key, feature in info["features"].items() if feature["names"]}
+    cameras = [key for key, feature in told.items() if feature["dtype"] == "video"]
     task, (width, height) = settings.definition, sides(settings.image_size)
     words = task.telling.values(settings.task, settings.episode) if task.telling else {}
     values = {

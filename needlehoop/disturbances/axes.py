@@ -115,10 +115,10 @@ class Disturb:
     """Share of a training's steps over which amounts grow from none to full."""
 
     def __post_init__(self) -> None:
-        for key, amount in self._given().items():
+        for key, amount in self._by_key().items():
             if key not in AXES:
                 group = key.partition(".")[0]
-                valid = (one.removeprefix(f"{group}.") for one in AXES if one.startswith(group))
+                valid = (name.removeprefix(f"{group}.") for name in AXES if name.startswith(group))
                 raise ValueError(f"disturb.{key}: unknown; choose from {', '.join(valid)}")
             axis = AXES[key]
             if amount > axis.most:
@@ -128,14 +128,14 @@ class Disturb:
             if axis.whole and amount != int(amount):
                 raise ValueError(f"disturb.{key}: {amount:g} must be a whole number")
 
-    def _given(self) -> dict[str, float]:
+    def _by_key(self) -> dict[str, float]:
         return {f"{g}.{name}": amount for g in GROUPS for name, amount in getattr(self, g).items()}
 
     @property
     def amounts(self) -> dict[str, float]:
         """The amounts of the axes that do something, by their keys in ``AXES``."""
-        found = self._given()
-        return {key: found[key] for key in AXES if found.get(key, 0.0) > 0}
+        amounts = self._by_key()
+        return {key: amounts[key] for key in AXES if amounts.get(key, 0.0) > 0}
 
 
 def disturb_of(amounts: Mapping[str, float]) -> Disturb:

@@ -59,7 +59,7 @@ class Disturbance:
         """Share of the amounts in episodes that begin from now on."""
         n, parts = num_envs, {EPISODE: (), VIEW: (len(views),), THING: (1 + things.max(),)}
         full: Any = {"dtype": torch.float64}
-        self._amounts = {key: torch.full((n,), one, **full) for key, one in amounts.items()}
+        self._amounts = {key: torch.full((n,), amount, **full) for key, amount in amounts.items()}
         self._levels = torch.ones(n, dtype=torch.float64)
         # Of all axes; zeros where there is no amount.
         double: Any = {"dtype": torch.float64, "device": device}
@@ -69,7 +69,7 @@ class Disturbance:
             )
             for key, axis in AXES.items()
         }
-        calm = {key: Drawn(*(x.cpu() for x in one)) for key, one in self._drawn.items()}
+        calm = {key: Drawn(*(x.cpu() for x in drawn)) for key, drawn in self._drawn.items()}
         self._moved = optics.Moved(*(one.to(device) for one in optics.moved(calm)))
         lying = optics.objects(calm["scene.objects"], len(strange), target)
         self._lying = lying.to(device)
@@ -92,7 +92,7 @@ class Disturbance:
         return any(key in self._amounts for key in keys)
 
     def _does(self, *begins: str) -> bool:
-        """Whether an axis whose key begins in such a way does something in some environment."""
+        """Whether an axis whose key begins so does something in any environment."""
         return any(bool(one.any()) for key, one in self._amounts.items() if key.startswith(begins))
 
     def deal(self, ids: Tensor, amounts: Mapping[str, Tensor]) -> None:
@@ -122,14 +122,14 @@ class Disturbance:
     def _draw(self, ids: Tensor, envs: Tensor, episodes: Tensor) -> None:
         """Work out what episodes draw; ``envs`` and ``episodes`` ``(k,)`` are on the CPU."""
         rows, fresh = ids.cpu(), {}
-        for key, one in self._drawn.items():
-            axis, shape = AXES[key], (len(rows), *one.amount.shape[1:-1])
+        for key, drawn in self._drawn.items():
+            axis, shape = AXES[key], (len(rows), *drawn.amount.shape[1:-1])
             if key in self._amounts:
                 each = (*shape, axis.size + axis.free)
                 numbers = uniform(key, int(np.prod(each[1:])), self._seed, envs, episodes)
-                given = self._levels[rows] * self._amounts[key][rows]
-                fresh[key] = axis.drawn(numbers.reshape(each), given)
-                for kept, value in zip(one, fresh[key], strict=True):
+                amounts = self._levels[rows] * self._amounts[key][rows]
+                fresh[key] = axis.drawn(numbers.reshape(each), amounts)
+                for kept, value in zip(drawn, fresh[key], strict=True):
                     kept[ids] = value.to(self._device)
             else:
                 sizes = (axis.size, axis.free)
@@ -180,7 +180,7 @@ class Disturbance:
 
     def optics(self, fields: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
         """The fields of all environments as they are drawn; see ``engines.contract.Optics``."""
-        n, at, found = len(self._levels), self._cameras, dict(fields)
+        n, at, drawn = len(self._levels), self._cameras, dict(fields)
         if self._does("camera."):
             places = fields["cam_xpos"].reshape(n, -1, 3).clone()
             turns = fields["cam_xmat"].reshape(n, -1, 3, 3).clone()
@@ -191,15 +191,15 @@ class Disturbance:
             )
             places[:, at], turns[:, at] = place.to(places), turn.to(turns)
             zoom[:, at] = self._moved.zoom
-            found |= {"cam_xpos": places, "cam_xmat": turns, "cam_zoom": zoom}
+            drawn |= {"cam_xpos": places, "cam_xmat": turns, "cam_zoom": zoom}
         if self._does("scene."):
             places = fields["geom_xpos"].reshape(n, -1, 3).clone()
             places[:, self._strange] = self._lying.to(places)
             shining = optics.lamps(fields["light_xdir"].reshape(n, -1, 3), self._moved.lamp)
-            found |= {"geom_xpos": places, "light_xdir": shining}
+            drawn |= {"geom_xpos": places, "light_xdir": shining}
         if self._does(*(key for key in RASTERISED if key.startswith("scene."))):
-            found |= optics.looks(self._drawn, self._things)
-        return found
+            drawn |= optics.looks(self._drawn, self._things)
+        return drawn
 
     def spoiler(self, ids: Tensor | None) -> Spoiler | None:
         """A function that adds flaws to frames of environments ``ids`` (all by default)."""
@@ -225,7 +225,7 @@ class Disturbance:
         late, *fails = (Drawn(*(one[rows] for one in self._drawn[key])) for key in _DELIVERY)
         old = torch.minimum(late.amount[..., 0].long(), steps[:, None])
         frozen, black = (failing(one, steps, len(self._views), self._max_steps) for one in fails)
-        found = {}
+        arrivals = {}
         for name, image in images.items():
             at = self._views.index(views[name])
             if name not in self._kept:
@@ -238,8 +238,8 @@ class Disturbance:
             seen = torch.where(frozen[:, at, None, None, None], kept[last, rows], seen)
             seen = seen.masked_fill(black[:, at, None, None, None], 0)
             kept[last, rows] = seen
-            found[name] = seen
-        return found
+            arrivals[name] = seen
+        return arrivals
 
     def snapshot(self) -> dict[str, Any]:
         """Everything that decides the future."""
@@ -255,8 +255,8 @@ class Disturbance:
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from a ``snapshot`` of a disturbance with the same amounts."""
         self._seed = int(snapshot["seed"])
-        for name, one in self._numbers.items():
-            one.copy_(snapshot[name])
+        for name, number in self._numbers.items():
+            number.copy_(snapshot[name])
         self._levels.copy_(snapshot["levels"])
         self._sent = snapshot["sent"].to(self._device, copy=True) if "sent" in snapshot else None
         kept = snapshot["kept"].items()

@@ -237,8 +237,8 @@ def spoil(
     graded = wp.dot(more, more) + wp.dot(flaw.bias, flaw.bias)
     if image.shape[0] > 0 and flaw.blur + graded + flaw.noise > 0.0:
         grain = wp.array(ptr=_after(normal, start[0]), shape=(height, 4 * width), dtype=float)
-        own = scratch + wp.uint64(at) * wp.uint64(4 * stride)
-        room = wp.array(ptr=own, shape=(height + SPARE, 4 * width + 2 * EDGE), dtype=float)
+        address = scratch + wp.uint64(at) * wp.uint64(4 * stride)
+        room = wp.array(ptr=address, shape=(height + SPARE, 4 * width + 2 * EDGE), dtype=float)
         _expose(image, flaw, grain, room)
     if depth.shape[0] > 0 and flaw.depth_noise + flaw.depth_step > 0.0:
         _measure(

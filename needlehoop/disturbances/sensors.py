@@ -21,7 +21,7 @@ _PERIOD = 2**18
 """Places in the tables of noise at which an image's may begin."""
 
 Spoiler = Callable[[str, Frame, slice], None]
-"""Changes a view's frames of some rows of a batch, and takes those rows."""
+"""Changes a view's frames in place; the slice says which rows of a batch they are."""
 
 
 def flaws(drawn: Mapping[str, Drawn]) -> dict[str, Tensor]:
@@ -59,9 +59,9 @@ class Sensors:
         shape, generator = (num_envs, len(views)), np.random.default_rng(0)
         kind: Any = Flaw
         warp = warp_device.warp_name(device)
-        self._given = wp.zeros(shape, dtype=kind, device="cpu")
+        self._host_flaws = wp.zeros(shape, dtype=kind, device="cpu")
         self._flaws = wp.zeros(shape, dtype=kind, device=warp)
-        self._fields: Any = self._given.numpy()
+        self._fields: Any = self._host_flaws.numpy()
         self._starts = torch.zeros(*shape, 3, dtype=torch.int32, device=device)
         count = _PERIOD + 4 * width * height
         tables = (
@@ -85,7 +85,7 @@ class Sensors:
         for name, values in flaws.items():
             self._fields[name][ids.numpy()] = values.numpy()
         with warp_device.on(self._device):
-            wp.copy(self._flaws, self._given)
+            wp.copy(self._flaws, self._host_flaws)
 
     def spoiler(self, ids: Tensor, places: Tensor) -> Spoiler:
         """A function that adds flaws to the frames of environments ``ids`` ``(k,)``.
@@ -109,9 +109,9 @@ class Sensors:
             ]
             with warp_device.on(self._device):
                 wp.launch(spoil, dim=part.stop - part.start, inputs=inputs)
-            # The tracer's are not contiguous.
-            for given, one in zip(frame, channels, strict=True):
-                if given is not None and one is not None and one is not given:
-                    given.copy_(one)
+            # The tracer's frames are not contiguous, so they were copied.
+            for target, source in zip(frame, channels, strict=True):
+                if target is not None and source is not None and source is not target:
+                    target.copy_(source)
 
         return run

@@ -84,11 +84,11 @@ class Tracer:
         frames, at, pixels = {}, [0, 0, 0], width * height
         for view, channels in self.views.items():
             picked = []
-            for i, (wanted, kind) in enumerate(zip(channels, kinds, strict=True)):
-                own = kind[:, at[i] : at[i] + pixels] if wanted else None
-                at[i] += pixels * wanted
-                own = own if own is None else own.unflatten(1, (height, width))
-                picked.append(own if own is None or ids is None else own[ids])
+            for i, (needed, kind) in enumerate(zip(channels, kinds, strict=True)):
+                channel = kind[:, at[i] : at[i] + pixels] if needed else None
+                at[i] += pixels * needed
+                channel = channel if channel is None else channel.unflatten(1, (height, width))
+                picked.append(channel if channel is None or ids is None else channel[ids])
             frames[view] = Frame(*picked)
         return frames
 

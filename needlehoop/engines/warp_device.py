@@ -29,8 +29,8 @@ def start_warp() -> None:
             os.dup2(stderr, 2)
             os.close(stderr)
             caught.seek(0)
-            said = caught.read().decode(errors="replace").splitlines(keepends=True)
-            sys.stderr.write("".join(line for line in said if not line.startswith(_NO_GPU)))
+            lines = caught.read().decode(errors="replace").splitlines(keepends=True)
+            sys.stderr.write("".join(line for line in lines if not line.startswith(_NO_GPU)))
 
 
 def on(device: torch.device) -> AbstractContextManager:

@@ -166,7 +166,7 @@ class WarpEngine(Engine):
             self.read(name)[ids] = value
 
     def _check_room(self) -> None:
-        # Of all steps so far: a bit stays set.
+        # Over all steps so far: a bit that was set stays set.
         full = (self.read("overflow") & _FULL) != 0
         if bool(full.any()):
             envs = full.nonzero().flatten().tolist()[:10]

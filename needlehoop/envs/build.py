@@ -65,7 +65,7 @@ def build(settings: Settings, first_env: int = 0) -> Simulation:
 
 
 def _middle(settings: Settings, views: Sequence[str]) -> np.ndarray:
-    """The point ``(3,)``, m, that these views look at if they stand in the room, else pictures."""
+    """The point ``(3,)``, m, that the views in the room look at; without such views, pictures'."""
     chosen = [settings.views[view] for view in views]
     points = [view.focus for view in chosen if view.body is None]
     return np.mean(points or [settings.picture.focus], 0)

@@ -130,8 +130,8 @@ def batches(settings: Settings, episodes: int, size: int) -> Iterator[Simulation
     if episodes < 1:
         raise ValueError(f"episodes: {episodes} must be at least 1")
     for first in range(0, episodes, size):
-        own = replace(settings, num_envs=min(size, episodes - first))
-        yield build(own, first_env=first)
+        batch = replace(settings, num_envs=min(size, episodes - first))
+        yield build(batch, first_env=first)
 
 
 @dataclass(frozen=True)
@@ -164,10 +164,10 @@ class Outcome:
 
 def run_batches(settings: Settings, episodes: int, size: int, make: MakeController) -> Outcome:
     """The outcome of one episode in each of ``episodes`` environments; see ``batches``."""
-    parts = [outcome_of(one, make(one)) for one in batches(settings, episodes, size)]
-    facts = {name: torch.cat([one.facts[name] for one in parts]) for name in parts[0].facts}
+    parts = [outcome_of(batch, make(batch)) for batch in batches(settings, episodes, size)]
+    facts = {name: torch.cat([part.facts[name] for part in parts]) for name in parts[0].facts}
     rest = ("potential", "human", "steps")
-    return Outcome(facts, *(torch.cat([getattr(one, name) for one in parts]) for name in rest))
+    return Outcome(facts, *(torch.cat([getattr(part, name) for part in parts]) for name in rest))
 
 
 def outcome_of(simulation: Simulation, controller: Controller) -> Outcome:
@@ -188,7 +188,7 @@ def outcome_of(simulation: Simulation, controller: Controller) -> Outcome:
     return Outcome(facts, **last)
 
 
-def run_trials(settings: Settings, who: str, episodes: int) -> Outcome:
+def run_trials(settings: Settings, name: str, episodes: int) -> Outcome:
     """The outcome of a named controller; ``num_envs`` and cameras of the settings are ignored."""
     blind = replace(settings, cams=())
-    return run_batches(blind, episodes, size=200, make=by_name(who))
+    return run_batches(blind, episodes, size=200, make=by_name(name))

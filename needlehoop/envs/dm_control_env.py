@@ -36,8 +36,8 @@ class DmControlTask(control.Task):
         self.moment = self.simulation.reset()
 
     def before_step(self, action: np.ndarray, physics: Physics) -> None:
-        given = torch.as_tensor(np.asarray(action, dtype=np.float64)).unsqueeze(0)
-        physics.set_control(self.simulation.act(given)[0].numpy())
+        batch = torch.as_tensor(np.asarray(action, dtype=np.float64)).unsqueeze(0)
+        physics.set_control(self.simulation.act(batch)[0].numpy())
 
     def after_step(self, physics: Physics) -> None:
         physics.refresh()
@@ -51,13 +51,13 @@ class DmControlTask(control.Task):
         """Known without an observation: dm_control may ask before the first reset."""
         s = self._settings
         width, height = sides(s.image_size)
-        found: OrderedDict[str, specs.Array] = OrderedDict()
+        spec: OrderedDict[str, specs.Array] = OrderedDict()
         for name, channels in s.image_channels.items():
             shape = (height, width, channels)
-            found[name] = specs.BoundedArray(shape, np.uint8, 0, 255, name)
+            spec[name] = specs.BoundedArray(shape, np.uint8, 0, 255, name)
         for name, length in s.vectors.items():
-            found[name] = specs.Array((length,), np.float32, name)
-        return found
+            spec[name] = specs.Array((length,), np.float32, name)
+        return spec
 
     def get_observation(self, physics: Physics) -> OrderedDict[str, np.ndarray]:
         observed: dict[str, Any] = self._observer(self.moment.signals)

@@ -110,12 +110,12 @@ class Imager:
 
 def channels_of(settings: Settings) -> dict[str, Channels]:
     """The channels that each view needs for its cameras: a view is rendered once."""
-    asked: dict[str, Channels] = {}
+    channels: dict[str, Channels] = {}
     for camera in settings.cameras:
-        own = settings.renderings[camera.rendering]
-        needs = Channels(own.colour == "rgb", own.depth != "none", own.colour == "flat")
-        asked[camera.view] = Channels(*map(or_, needs, asked.get(camera.view, needs)))
-    return asked
+        style = settings.renderings[camera.rendering]
+        needs = Channels(style.colour == "rgb", style.depth != "none", style.colour == "flat")
+        channels[camera.view] = Channels(*map(or_, needs, channels.get(camera.view, needs)))
+    return channels
 
 
 def _palette(
@@ -125,19 +125,19 @@ def _palette(
     check_names("rendering.colours", [*rendering.colours], [*classes])
     palette = torch.zeros(3, 1 + model.ngeom, dtype=torch.uint8)
     for name, colour in rendering.colours.items():
-        own = torch.from_numpy(things(model, {name: classes[name]}))
-        palette[:, 1:][:, own == 1] = torch.tensor(colour, dtype=torch.uint8).unsqueeze(1)
+        numbers = torch.from_numpy(things(model, {name: classes[name]}))
+        palette[:, 1:][:, numbers == 1] = torch.tensor(colour, dtype=torch.uint8).unsqueeze(1)
     return palette
 
 
 def things(model: mujoco.MjModel, classes: Mapping[str, FlatClass]) -> np.ndarray:
     """Number of the class that each geom belongs to ``(ngeom,)``, from 1 on; 0 for the rest."""
-    found = np.zeros(model.ngeom, int)
-    for number, one in enumerate(classes.values(), 1):
-        own = np.zeros(model.nbody, bool)
-        own[[model.body(body).id for body in one.bodies]] = True
+    numbers = np.zeros(model.ngeom, int)
+    for number, flat in enumerate(classes.values(), 1):
+        members = np.zeros(model.nbody, bool)
+        members[[model.body(body).id for body in flat.bodies]] = True
         # A body comes after the one that it hangs on.
         for body, parent in enumerate(model.body_parentid):
-            own[body] |= own[parent]
-        found[own[model.geom_bodyid]] = number
-    return found
+            members[body] |= members[parent]
+        numbers[members[model.geom_bodyid]] = number
+    return numbers

@@ -38,7 +38,7 @@ def sources(task: Task, obs: Observations) -> dict[str, tuple[str, ...]]:
     """The signals of each observed vector, in the order in which an agent reads the vectors."""
     proprio, state = task.robot.proprio * obs.proprio, task.state * obs.signals
     names = {"proprio": proprio, "signals": state, "told": obs.told}
-    return {name: own for name, own in names.items() if own}
+    return {name: signals for name, signals in names.items() if signals}
 
 
 @dataclass(frozen=True)
@@ -100,8 +100,8 @@ class Settings:
         """Lengths of the observed vectors by name, in the order of ``sources``."""
         task = self.definition
         return {
-            name: sum(task.signals[one].size for one in own)
-            for name, own in sources(task, self.obs).items()
+            name: sum(task.signals[signal].size for signal in signals)
+            for name, signals in sources(task, self.obs).items()
         }
 
     @property
@@ -122,8 +122,8 @@ def compose_settings(overrides: Iterable[str] = (), name: str = "env") -> Settin
 def settings_from(values: Mapping[str, Any]) -> Settings:
     """Settings from a composed config that somebody typed; keys of other tools are ignored."""
     import_task(values)
-    found = strict.as_type(with_task(values), Settings)
-    return replace(found, reward=rewards.with_function(found.reward))
+    settings = strict.as_type(with_task(values), Settings)
+    return replace(settings, reward=rewards.with_function(settings.reward))
 
 
 def import_task(values: Mapping[str, Any]) -> None:
@@ -155,14 +155,14 @@ def with_task(values: Mapping[str, Any]) -> dict[str, Any]:
 
     A flat rendering that names no colours gets the task's.
     """
-    given = strict.structure(values["task"], Mapping[str, Any], "task")
-    task = find(given.get("name"))
-    layout = strict.structure(given, task.layout, "task")
+    fields = strict.structure(values["task"], Mapping[str, Any], "task")
+    task = find(fields.get("name"))
+    layout = strict.structure(fields, task.layout, "task")
     rules = strict.structure(values["episode"], task.rules, "episode")
     kind = Mapping[str, Mapping[str, Any]]
     renderings = strict.structure(values["renderings"], kind, "renderings")
-    for name, one in renderings.items():
-        if one.get("colour") == "flat" and not one.get("colours"):
+    for name, rendering in renderings.items():
+        if rendering.get("colour") == "flat" and not rendering.get("colours"):
             colours = {thing: flat.colour for thing, flat in task.paint.items()}
-            renderings[name] = {**one, "colours": colours}
+            renderings[name] = {**rendering, "colours": colours}
     return {**values, "task": layout, "episode": rules, "renderings": renderings}

@@ -128,14 +128,14 @@ class Simulation:
 
     def act(self, action: Tensor) -> Tensor:
         """Take an action ``(n, action_size)``; returns the servo commands ``(n, nu)``."""
-        own = (self.task, self.layout, self.episode)
-        self.state, control = act(*own, self.state, action)
+        setup = (self.task, self.layout, self.episode)
+        self.state, control = act(*setup, self.state, action)
         self._before = self.engine.sensordata()
         disturbance, displaced = self.disturbance, self.task.robot.displaced
         if disturbance is None:
             return control
         if displaced is not None and disturbance.offset is not None:
-            control = displaced(*own[1:], self.state, disturbance.offset)
+            control = displaced(*setup[1:], self.state, disturbance.offset)
         return disturbance.command(control)
 
     def observe(self) -> StepResult:
@@ -167,9 +167,9 @@ class Simulation:
 
     def snapshot(self) -> dict[str, Any]:
         """Everything that decides the future, as tensors and numbers."""
-        own = {} if self.disturbance is None else {"disturbance": self.disturbance.snapshot()}
+        extra = {} if self.disturbance is None else {"disturbance": self.disturbance.snapshot()}
         return {
-            **own,
+            **extra,
             "seed": torch.tensor(self._seed),
             "episodes": torch.tensor(self._episodes),
             "potential": self._potential.clone(),
@@ -194,8 +194,8 @@ class Simulation:
         """The present moment once more; nothing moves. Nothing is paid unless it ``pays``."""
         data, diverged = self.engine.sensordata(), self.engine.diverged()
         data = torch.where(diverged.unsqueeze(-1), self._before, data)
-        own = (self.task, self.layout, self.episode)
-        seen = observe(*own, self.state, self._readings(data))
+        setup = (self.task, self.layout, self.episode)
+        seen = observe(*setup, self.state, self._readings(data))
         self.state = seen.memory
         self.engine.weld(seen.welds)
         terms = self.reward(seen.signals)
@@ -226,7 +226,7 @@ class Simulation:
 
 def read(task: Task, obs: Observations, signals: Signals) -> dict[str, Tensor]:
     """The observed vectors, float32 ``(n, length)``, by the names of ``vectors``."""
-    return {name: columns(own, signals) for name, own in sources(task, obs).items()}
+    return {name: columns(names, signals) for name, names in sources(task, obs).items()}
 
 
 class Observer:

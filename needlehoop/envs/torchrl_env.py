@@ -106,13 +106,13 @@ class TorchRLEnv(EnvBase):
         self._is_restored = True
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs) -> TensorDict:
-        asked = None if tensordict is None else tensordict.get("_reset", None)
+        resets = None if tensordict is None else tensordict.get("_reset", None)
         no = torch.zeros(*self.batch_size, 1, dtype=torch.bool, device=self.device)
         ends = {"done": no, "terminated": no.clone(), "truncated": no.clone()}
-        if self._is_restored and (asked is None or bool(asked.all())):
+        if self._is_restored and (resets is None or bool(resets.all())):
             self._is_restored = False
             return self._tensordict(self.simulation.look(), ends, no.nonzero().flatten())
-        mask = None if asked is None else asked.reshape(self.batch_size[0])
+        mask = None if resets is None else resets.reshape(self.batch_size[0])
         first = self.simulation.state is None
         if first:
             self._observer.pixels = {}
@@ -150,7 +150,7 @@ class TorchRLEnv(EnvBase):
         return self._tensordict(moment, ends, None, images)
 
     def begin_look(self, ids: Tensor | None = None) -> Callable[[], dict[str, Tensor]]:
-        """Begin to take images, aside where there are CPUs; what is returned waits for them."""
+        """Begin to take images, in a thread where there are CPUs; the returned function waits."""
         if self._aside is not None:
             return self._aside.submit(self._observer.look, ids).result
         images = self._observer.look(ids)

@@ -68,7 +68,7 @@ class StableBaselinesVecEnv(VecEnv):
             begun = self._rows(fresh)
             for i in dones.nonzero()[0]:
                 self.reset_infos[i] = begun[i]
-                rows[i]["terminal_observation"] = {name: one[i] for name, one in seen.items()}
+                rows[i]["terminal_observation"] = {name: value[i] for name, value in seen.items()}
                 rows[i]["TimeLimit.truncated"] = not bool(moment.terminated[i])
             seen = env.look(fresh, dones)
         return seen, rewards, dones, rows

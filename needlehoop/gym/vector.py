@@ -57,7 +57,7 @@ class GymnasiumVectorEnv(VectorEnv):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     ):
         mode: Any = getattr(autoreset_mode, "value", autoreset_mode)
-        check_names("autoreset_mode", [mode], [one.value for one in AutoresetMode])
+        check_names("autoreset_mode", [mode], [option.value for option in AutoresetMode])
         check_names("render_mode", [render_mode] if render_mode is not None else [], MODES)
         check_names("channels", [channels], ("last", "first"))
         if not (settings.cams or settings.vectors):
@@ -87,14 +87,14 @@ class GymnasiumVectorEnv(VectorEnv):
 
     def _space(self, settings: Settings) -> spaces.Dict:
         width, height = sides(settings.image_size)
-        found: dict[str, spaces.Space] = {}
+        boxes: dict[str, spaces.Space] = {}
         for name, count in settings.image_channels.items():
             shape = (height, width, count) if self._is_last else (count, height, width)
-            found[name] = spaces.Box(0, 255, shape, np.uint8)
+            boxes[name] = spaces.Box(0, 255, shape, np.uint8)
         for name, length in settings.vectors.items():
             low, high = (0.0, 1.0) if name == "told" else (-np.inf, np.inf)
-            found[name] = spaces.Box(low, high, (length,), np.float32)
-        return spaces.Dict(found)
+            boxes[name] = spaces.Box(low, high, (length,), np.float32)
+        return spaces.Dict(boxes)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -163,7 +163,7 @@ class GymnasiumVectorEnv(VectorEnv):
         draw, engine = self._photographer, self.simulation.engine
         return draw and tuple(draw(engine.data(env)) for env in range(self.num_envs))
 
-    # What the other faces of this room use too.
+    # What the other classes of this package use too.
 
     def begin(self, seed: int | None = None, mask: np.ndarray | None = None) -> StepResult:
         """Begin episodes where ``mask`` ``(n,)`` is true, or all; with a seed, its first."""
@@ -233,14 +233,14 @@ def row(values: dict[str, Any], env: int) -> dict[str, Any]:
 
 def masked(values: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
     """Batched ``info`` as Gymnasium gives it: ``_<name>`` says whose values are there, else 0."""
-    found: dict[str, Any] = {}
+    infos: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, dict):
-            found[name] = masked(value, mask)
+            infos[name] = masked(value, mask)
         else:
-            found[name] = np.where(mask, value, np.zeros_like(value))
-        found[f"_{name}"] = mask.copy()
-    return found
+            infos[name] = np.where(mask, value, np.zeros_like(value))
+        infos[f"_{name}"] = mask.copy()
+    return infos
 
 
 def _array(tensor: Tensor) -> np.ndarray:

@@ -61,8 +61,8 @@ class Algorithm:
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a ``state_dict``."""
         self.agent.load_state_dict(state["agent"])
-        for name, one in self._optimizers.items():
-            one.load_state_dict(state["optimizers"][name])
+        for name, optimizer in self._optimizers.items():
+            optimizer.load_state_dict(state["optimizers"][name])
         self._generator.set_state(state["generator"])
         self.done_updates = state["done_updates"]
 

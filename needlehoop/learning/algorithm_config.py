@@ -101,10 +101,10 @@ CONFIGS = {PPO: PpoConfig, DAGGER: DaggerConfig, SAC: SacConfig}
 
 def config_of(values: Any) -> AlgorithmConfig:
     """The group ``algo`` of a composed config."""
-    given = strict.structure(values, Mapping[str, Any], "algo")
+    settings = strict.structure(values, Mapping[str, Any], "algo")
     # Runs in results/ from before there were several methods are PPO's.
-    kind = given.get("kind", PPO)
+    kind = settings.get("kind", PPO)
     strict.check_names("algo.kind", [kind], [*CONFIGS])
-    # Keys of theirs that decide nothing any more.
-    own = {key: value for key, value in given.items() if key not in ("shards", "jaw")}
-    return strict.structure(own, CONFIGS[kind], "algo")
+    # Keys of such runs that no longer have an effect.
+    fields = {key: value for key, value in settings.items() if key not in ("shards", "jaw")}
+    return strict.structure(fields, CONFIGS[kind], "algo")

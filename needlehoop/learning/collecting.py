@@ -40,7 +40,7 @@ class MakeEnv:
         env = job.env
         self._task, self._first, self._count = (env.task.name, env.task_dir), first, count
         self._threads, self._alone = threads, count == env.num_envs
-        reward = {key: one for key, one in env.reward.items() if key != rewards.CALL}
+        reward = {key: value for key, value in env.reward.items() if key != rewards.CALL}
         self._job = pickle.dumps(replace(job, env=replace(env, reward=reward)))
 
     def __call__(self) -> EnvBase:
@@ -56,14 +56,14 @@ class MakeEnv:
         seed = (env.seed * 2**20 + self._first) % 2**63
         torch.manual_seed(seed)
         engine = replace(env.engine, threads=self._threads)
-        own = replace(
+        settings = replace(
             env, num_envs=self._count, engine=engine, reward=rewards.with_function(env.reward)
         )
         stagger = isinstance(algo, PpoConfig)
-        base = TorchRLEnv(own, self._first, stagger, job.steps // env.num_envs)
+        base = TorchRLEnv(settings, self._first, stagger, job.steps // env.num_envs)
         changes: list[Any] = [FoldPixels(job.encoder.stem, list(env.image_channels)), Carry()]
         if isinstance(algo, DaggerConfig):
-            changes.append(Teacher(own, algo.noise, algo.handover, seed))
+            changes.append(Teacher(settings, algo.noise, algo.handover, seed))
         return TransformedEnv(base, Compose(*changes))
 
 

@@ -32,8 +32,8 @@ class Pupil(TensorDictModuleBase):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         action, learner = tensordict[EXPERT], tensordict[LEARNER]
         if bool(learner.any()):
-            said = self.head.act(self.trunk(*(tensordict[key] for key in self._seen)))
-            action = torch.where(learner, said.clamp(-1.0, 1.0), action)
+            prediction = self.head.act(self.trunk(*(tensordict[key] for key in self._seen)))
+            action = torch.where(learner, prediction.clamp(-1.0, 1.0), action)
         return tensordict.set("action", action)
 
 
@@ -57,10 +57,10 @@ class Dagger(MemoryAlgorithm):
         return buffer.select(*self.agent.seen_keys, LABEL)
 
     def update(self, buffer: TensorDictBase) -> dict[str, float]:
-        """As ``Algorithm.update``. Episodes of the expert do not count as ended afterwards."""
-        found = super().update(buffer)
+        """As ``Algorithm.update``; afterwards only episodes of the learner count as ended."""
+        losses = super().update(buffer)
         buffer["next", "done"] &= buffer[LEARNER]
-        return {**found, "share": float(buffer[LEARNER].float().mean())}
+        return {**losses, "share": float(buffer[LEARNER].float().mean())}
 
     def _learn(self, number: int) -> dict[str, Tensor]:
         self._schedule(number)

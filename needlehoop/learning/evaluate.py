@@ -33,7 +33,7 @@ SAMPLED = "success_sampled"
 
 
 def acting(actor: Actor, sampled: bool = False) -> MakeController:
-    """Makes controllers of a policy; its actions are drawn if ``sampled``, or else its mean."""
+    """Makes controllers of a policy, whose actions are drawn if ``sampled``, else the mean."""
     device = next(actor.parameters()).device
 
     def make(simulation: Simulation) -> Controller:
@@ -49,7 +49,7 @@ def acting(actor: Actor, sampled: bool = False) -> MakeController:
             images: Any = seen.pop("pixels", {})
             observed = [x.to(device) for x in (*images.values(), *seen.values())]
             size = simulation.episode.action_size
-            rows = [own.standard_normal(size, np.float32) for own in noise]
+            rows = [generator.standard_normal(size, np.float32) for generator in noise]
             drawn = torch.from_numpy(np.stack(rows)).to(device) if sampled else None
             with torch.no_grad():
                 return actor(*observed, noise=drawn).to(simulation.device)
@@ -68,8 +68,8 @@ def _both_ways(
     job: Job, agent: Agent, episodes: int, seed: int
 ) -> tuple[Outcome, dict[str, float]]:
     """The outcome with mean actions, and the success with drawn ones on the same episodes."""
-    own = replace(job.env, seed=seed)
-    mean, drawn = (evaluate(own, agent, episodes, sampled) for sampled in (False, True))
+    settings = replace(job.env, seed=seed)
+    mean, drawn = (evaluate(settings, agent, episodes, sampled) for sampled in (False, True))
     return mean, {SAMPLED: float(drawn.success.double().mean())}
 
 
@@ -98,17 +98,17 @@ def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -
     record(simulation, acting(agent.actor)(simulation), episodes, out)
 
 
-def which_policy(run: Run, asked: str | None) -> tuple[str, int | None]:
+def which_policy(run: Run, policy: str | None) -> tuple[str, int | None]:
     """Which of a run's policies is meant, and how many steps it was trained for.
 
-    ``asked``: ``last`` or ``best``; ``None``: the last, or else the best. Raises ``ValueError``
+    ``policy``: ``last`` or ``best``; ``None``: the last, or else the best. Raises ``ValueError``
     where the run has no such policy.
     """
-    if asked is not None:
-        check_names("policy", [asked], [*POLICIES])
+    if policy is not None:
+        check_names("policy", [policy], [*POLICIES])
     best = run.folder / BEST
     last = any((run.folder / name).exists() for name in (CHECKPOINT, POLICY))
-    if asked == "last" or (asked is None and (last or not best.exists())):
+    if policy == "last" or (policy is None and (last or not best.exists())):
         return "last", run.manifest().get("steps")
     if not best.exists():
         raise ValueError(f"policy: {run.folder} has no {BEST}; there was no evaluation on the way")
@@ -141,24 +141,24 @@ def load_agent(run: Run, job: Job, device: torch.device, policy: str = "last") -
 
 def with_intervals(task: Task, outcome: Outcome) -> dict[str, Any]:
     """An outcome's summary, with 95 % Wilson intervals of success and cheats."""
-    n, found = len(outcome.steps), dict[str, Any](outcome.summary())
+    n, summary = len(outcome.steps), dict[str, Any](outcome.summary())
     for name in ("success", "cheat"):
         if name in outcome.facts:
-            found[f"{name}_95"] = wilson(int(outcome.facts[name].sum()), n)
+            summary[f"{name}_95"] = wilson(int(outcome.facts[name].sum()), n)
     spread = float(outcome.potential.std()) if n > 1 else None
     unit = getattr(reference_reward(task), "unit", None)
-    return {**found, "return_sd": spread, "human_unit": unit}
+    return {**summary, "return_sd": spread, "human_unit": unit}
 
 
 def wilson(count: int, n: int) -> list[float]:
     """Lower and upper end of a share's 95 % Wilson interval, with four digits."""
-    found = binomtest(count, n).proportion_ci(method="wilson")
-    return [round(float(found.low), 4), round(float(found.high), 4)]
+    interval = binomtest(count, n).proportion_ci(method="wilson")
+    return [round(float(interval.low), 4), round(float(interval.high), 4)]
 
 
-def report(task: Task, found: Mapping[str, Any]) -> str:
+def report(task: Task, evaluation: Mapping[str, Any]) -> str:
     """An evaluation as a few lines of text."""
-    f = found
+    f = evaluation
     spread = "" if f["return_sd"] is None else f" ± {f['return_sd']:.2f}"
     unit = "" if f["human_unit"] is None else f", scene unit {f['human_unit']:g} m"
     lines = [
@@ -178,6 +178,6 @@ def report(task: Task, found: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _share(found: Mapping[str, Any], name: str) -> str:
-    low, high = found[f"{name}_95"]
-    return f"{found[name]:.1%} (95 %: {low:.1%} to {high:.1%})"
+def _share(evaluation: Mapping[str, Any], name: str) -> str:
+    low, high = evaluation[f"{name}_95"]
+    return f"{evaluation[name]:.1%} (95 %: {low:.1%} to {high:.1%})"

@@ -140,13 +140,13 @@ class Job:
     @property
     def spec(self) -> PolicySpec:
         """What its policy sees and does."""
-        env, rules, own = self.env, self.env.episode, self.algo.network
+        env, rules, network = self.env, self.env.episode, self.algo.network
         return PolicySpec(
             env.image_channels,
             env.image_size,
             env.vectors,
             self.encoder,
-            own if own.told is not None else replace(own, told=env.definition.critic),
+            network if network.told is not None else replace(network, told=env.definition.critic),
             rules.control,
             rules.action_size,
             self.precision,
@@ -193,23 +193,23 @@ def pick_device(name: str) -> torch.device:
 def typed_job(values: Mapping[str, Any]) -> Job:
     """What somebody typed, composed, as a job; ``ValueError`` for a wrong value, with its key."""
     import_task(values)
-    found = checked_job(values)
-    return replace(found, env=replace(found.env, reward=rewards.with_function(found.env.reward)))
+    job = checked_job(values)
+    return replace(job, env=replace(job.env, reward=rewards.with_function(job.env.reward)))
 
 
 def checked_job(values: Mapping[str, Any]) -> Job:
     """The same, with a reward that can run no code; imports no task."""
-    own, environment = (
+    fields, environment = (
         {name: values[name] for name in kind.__dataclass_fields__ if name in values}
         for kind in (Job, Settings)
     )
-    own["algo"] = config_of(values.get("algo"))
-    if isinstance(former := own.get("logger"), Mapping):
+    fields["algo"] = config_of(values.get("algo"))
+    if isinstance(former := fields.get("logger"), Mapping):
         # Runs in results/ from before there could be several have one, with wandb's settings in it.
         shown = {key: value for key, value in former.items() if key != "kind"}
-        own |= {"logger": [former["kind"]], "wandb": shown}
+        fields |= {"logger": [former["kind"]], "wandb": shown}
     try:
-        return strict.structure({**own, "env": with_task(environment)}, Job)
+        return strict.structure({**fields, "env": with_task(environment)}, Job)
     except ValueError as error:
         # The environment's keys are below ``env`` in a job, and not in the YAML.
         raise ValueError(re.sub(r"(^|; )env(\.|: )", r"\1", str(error))) from error

@@ -46,7 +46,7 @@ class Learner:
             self.agent.load_state_dict(weights)
         algo = job.algo
         if isinstance(algo, PpoConfig) and job.init is None:
-            # A new agent has nothing to lose.
+            # A new agent has nothing to protect.
             algo = replace(algo, warmup=0, finetune=1.0)
         kind = ALGORITHMS[algo.kind]
         self.algorithm: Any = kind(self.agent, algo, job.updates, job.env.seed)
@@ -57,7 +57,7 @@ class Learner:
             return
         with fitting("checkpoint"):
             self.algorithm.load_state_dict(state[algo.kind])
-            # As many as before, because each goes on from its own state.
+            # As many workers as before: each goes on from its own state.
             workers = sum(key.startswith("worker") for key in state["collector"]) or 1
             job = replace(job, collector=replace(job.collector, workers=workers))
             self._collector = collector_of(job, self.algorithm.policy, self.device)
@@ -111,17 +111,17 @@ class Learner:
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that decides what comes next; of tensors and plain values."""
-        found: dict[str, Any] = {
+        state: dict[str, Any] = {
             "collector": self._collector.state_dict(),
             self.job.algo.kind: self.algorithm.state_dict(),
             "rng": torch.get_rng_state(),
         }
         if self._flown:
             # Actions take a thousandth of the space of the frames, which are collected again.
-            found["flown"] = torch.stack(self._flown)
+            state["flown"] = torch.stack(self._flown)
         if self.device.type == "cuda":
-            found["cuda_rng"] = torch.cuda.get_rng_state(self.device)
-        return found
+            state["cuda_rng"] = torch.cuda.get_rng_state(self.device)
+        return state
 
     def _go_on(self, state: Mapping[str, Any]) -> None:
         """Go on from a ``state_dict``."""

@@ -64,7 +64,7 @@ def _wandb_run(job: Job, values: Mapping[str, Any], folder: Path) -> Any:
     if mode == "auto":
         mode = "online" if wandb.login(prompt=False, verify=False) else "offline"
     known = folder / "wandb_id.txt"
-    wanted: dict[str, Any] = {
+    options: dict[str, Any] = {
         "project": job.wandb.project,
         "entity": job.wandb.entity,
         "name": job.place,
@@ -75,10 +75,10 @@ def _wandb_run(job: Job, values: Mapping[str, Any], folder: Path) -> Any:
     }
     try:
         settings = wandb.Settings(silent=True, init_timeout=30)
-        run = wandb.init(mode=mode, settings=settings, **wanted)
+        run = wandb.init(mode=mode, settings=settings, **options)
     except (wandb.errors.CommError, wandb.errors.UsageError) as error:
         print(f"logger=wandb: {error}; going on offline")
-        run = wandb.init(mode="offline", settings=wandb.Settings(silent=True), **wanted)
+        run = wandb.init(mode="offline", settings=wandb.Settings(silent=True), **options)
     write_whole(known, run.id)
     if run.url:
         print(f"wandb: {run.url}")

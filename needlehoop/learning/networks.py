@@ -175,11 +175,11 @@ class PolicySpec:
 def check_same(have: PolicySpec, want: PolicySpec, what: str) -> None:
     """Raises ``ValueError``, which begins with ``what``, where the networks differ."""
     for key in PolicySpec.__dataclass_fields__:
-        own, other = getattr(have, key), getattr(want, key)
-        if own != other:
+        before, now = getattr(have, key), getattr(want, key)
+        if before != now:
             raise ValueError(
-                f"{what}: the agent's networks were made for {key} {shown(own)}, and this is"
-                f" {shown(other)}"
+                f"{what}: the agent's networks were made for {key} {shown(before)}, and this is"
+                f" {shown(now)}"
             )
 
 
@@ -218,8 +218,8 @@ class ValueAgent(Agent):
 
     def __init__(self, spec: PolicySpec, device: torch.device):
         trunk = spec.trunk(device)
-        own = None if spec.network.shared else spec.trunk(device)
+        value_trunk = None if spec.network.shared else spec.trunk(device)
         super().__init__(spec, trunk)
-        self.value_trunk = own
+        self.value_trunk = value_trunk
         """``None``: the value function reads the policy's."""
         self.value = Value(spec.network.hidden, len(self.privileged_keys))

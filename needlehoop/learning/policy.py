@@ -46,23 +46,23 @@ def write_weights(
     are for the record. The vectors' statistics keep their type, whatever the weights' ``dtype``.
     """
     kept = {
-        name: one.to(getattr(torch, dtype)) if one.dtype == torch.float32 else one
-        for name, one in actor.state_dict().items()
+        name: weight.to(getattr(torch, dtype)) if weight.dtype == torch.float32 else weight
+        for name, weight in actor.state_dict().items()
     }
     notes = {"senses": asdict(spec), "config": values, "evaluation": evaluation}
     metadata = {name: json.dumps(note) for name, note in notes.items() if note is not None}
-    content = save({name: one.cpu().contiguous() for name, one in kept.items()}, metadata)
+    content = save({name: weight.cpu().contiguous() for name, weight in kept.items()}, metadata)
     write_whole(path, content)
 
 
 def read_step(path: Path) -> int | None:
     """Steps before the evaluation that a best policy's file notes; errors as in ``read_spec``."""
-    found = _note(path, "evaluation") or {}
-    return strict.structure(found.get("step"), strict.Number | None, f"{path}: step")
+    note = _note(path, "evaluation") or {}
+    return strict.structure(note.get("step"), strict.Number | None, f"{path}: step")
 
 
 def read_spec(path: Path) -> PolicySpec:
-    """What a file's policy sees and does; ``ValueError`` for no, a damaged or a foreign file."""
+    """What a file's policy sees and does; ``ValueError`` if it is missing, damaged or foreign."""
     values = _note(path, "senses")
     if values is None:
         raise ValueError(f"{path} holds no policy of needlehoop: it does not say what it sees")
@@ -105,8 +105,8 @@ def fitting(what: str) -> Iterator[None]:
     try:
         yield
     except (LookupError, RuntimeError, TypeError, ValueError) as error:
-        said = str(error).splitlines()[-1].strip()
-        raise ValueError(f"{what} does not fit its config: {said}") from error
+        reason = str(error).splitlines()[-1].strip()
+        raise ValueError(f"{what} does not fit its config: {reason}") from error
 
 
 def _note(path: Path, name: str) -> Any:
@@ -147,23 +147,23 @@ class Policy:
     @torch.no_grad()
     def __call__(self, observation: Mapping[str, Any]) -> Any:
         """The action; ``ValueError`` for what is missing, or of another shape or type."""
-        given = dict(observation.items())
-        given |= given.pop("pixels", {}).items()
+        inputs = dict(observation.items())
+        inputs |= inputs.pop("pixels", {}).items()
         needed = (*self._images, *self._vectors)
-        if missing := sorted({*needed} - {*given}):
+        if missing := sorted({*needed} - {*inputs}):
             raise ValueError(
                 f"observation: {', '.join(missing)} missing; the policy sees {', '.join(needed)}"
             )
-        is_torch = isinstance(given[needed[0]], Tensor)
+        is_torch = isinstance(inputs[needed[0]], Tensor)
         seen = []
         for name in needed:
-            one = given[name]
+            value = inputs[name]
             # A copy, because torch warns of arrays that may not be written to.
-            one = one if isinstance(one, Tensor) else torch.from_numpy(np.array(one))
+            value = value if isinstance(value, Tensor) else torch.from_numpy(np.array(value))
             fits = self._image if name in self._images else self._vector
-            seen.append(fits(name, one).to(self._device))
+            seen.append(fits(name, value).to(self._device))
         action = self._actor(*seen).clamp(-1.0, 1.0)
-        return action.to(given[needed[0]].device) if is_torch else action.cpu().numpy()
+        return action.to(inputs[needed[0]].device) if is_torch else action.cpu().numpy()
 
     def _image(self, name: str, image: Tensor) -> Tensor:
         """Channels first."""

@@ -92,8 +92,8 @@ class Ppo(Algorithm):
         """Set learning rate and clipping; returns the optimiser in use, and its rate."""
         config, left = self.config, 1.0 - self.done_updates / self.updates
         warms_up = self.done_updates < config.warmup
-        for one in self.agent.actor.parameters():
-            one.requires_grad_(not warms_up)
+        for parameter in self.agent.actor.parameters():
+            parameter.requires_grad_(not warms_up)
         share = 1.0 if warms_up else config.finetune
         rate = max(share * config.learning_rate * left, _LEARNING_RATE_END)
         optimizer = self._optimizers["value" if warms_up else "all"]
@@ -140,9 +140,9 @@ def _modules(agent: ValueAgent) -> tuple[Any, Any, Any]:
     common: list[Any] = [
         TensorDictModule(trunk, agent.seen_keys, [name]) for name, trunk in trunks.items()
     ]
-    given: Any = TensorDictModule(agent.actor.head, ["hidden"], ["loc", "scale"])
+    head: Any = TensorDictModule(agent.actor.head, ["hidden"], ["loc", "scale"])
     policy = ProbabilisticActor(
-        given,
+        head,
         in_keys=["loc", "scale"],
         distribution_class=IndependentNormal,
         return_log_prob=True,

@@ -85,9 +85,9 @@ class Sac(MemoryAlgorithm):
         value, _ = self._loss.qvalue_v2_loss(self._see(frames))
         step(self._optimizers["critics"], value)
         frames["features"] = frames["features"].detach()
-        policy, found = self._loss.actor_loss(frames)
+        policy, metadata = self._loss.actor_loss(frames)
         step(self._optimizers["actor"], policy)
-        entropy = -found["log_prob"]
+        entropy = -metadata["log_prob"]
         alpha = self._loss.alpha_loss(-entropy).mean()
         step(self._optimizers["alpha"], alpha)
         self._targets.step()
@@ -111,5 +111,5 @@ class Sac(MemoryAlgorithm):
 
 def _drawn(gaussian: nn.Module, key: str) -> Any:
     """Draws actions from what a policy's head makes of ``key``."""
-    given: Any = TensorDictModule(gaussian, [key], ["loc", "scale"])
-    return ProbabilisticActor(given, ["loc", "scale"], distribution_class=TanhNormal)
+    head: Any = TensorDictModule(gaussian, [key], ["loc", "scale"])
+    return ProbabilisticActor(head, ["loc", "scale"], distribution_class=TanhNormal)

@@ -36,12 +36,12 @@ def chosen_axes(words: Iterable[str], *, blind: bool) -> list[str]:
     ``blind``: whether there are no cameras, so that only the robot can be disturbed. Raises
     ``ValueError`` for an unknown axis.
     """
-    given = list(words) or (["robot"] if blind else list(GROUPS))
-    check_names("axes", given, (*GROUPS, *AXES))
-    found = [key for word in given for key in AXES if word in (key, key.partition(".")[0])]
-    if blind and any(not key.startswith("robot.") for key in found):
+    names = list(words) or (["robot"] if blind else list(GROUPS))
+    check_names("axes", names, (*GROUPS, *AXES))
+    axes = [key for word in names for key in AXES if word in (key, key.partition(".")[0])]
+    if blind and any(not key.startswith("robot.") for key in axes):
         raise ValueError("axes: nobody looks through a camera here; choose from robot")
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(axes))
 
 
 def conditions(
@@ -55,15 +55,15 @@ def conditions(
     ``levels``: amounts at severities 1, 2, … by axis, by group: ``conf/levels``. ``together``:
     severity of all at once. Raises ``ValueError`` for a severity or an axis that they lack.
     """
-    given = {f"{g}.{name}": row for g, rows in levels.items() for name, row in rows.items()}
-    for key in given.keys() ^ AXES.keys():
+    amounts = {f"{g}.{name}": row for g, rows in levels.items() for name, row in rows.items()}
+    for key in amounts.keys() ^ AXES.keys():
         raise ValueError(f"levels.{key}: {'missing' if key in AXES else 'no such axis'}")
-    most, ordered = min(map(len, given.values())), sorted(set(severities))
+    most, ordered = min(map(len, amounts.values())), sorted(set(severities))
     for severity in (*ordered, together):
         if severity > most:
             raise ValueError(f"severities, together: {severity} is not among 1 to {most}")
-    single = [Condition(k, s, {k: given[k][s - 1]}) for k in axes for s in ordered]
-    both = Condition(ALL, together, {key: given[key][together - 1] for key in axes})
+    single = [Condition(k, s, {k: amounts[k][s - 1]}) for k in axes for s in ordered]
+    both = Condition(ALL, together, {key: amounts[key][together - 1] for key in axes})
     return [Condition(NONE, 0, {}), *single, both]
 
 
@@ -79,16 +79,16 @@ def stress(
     """
     total, task = episodes * len(tried), settings.definition
     names = (*task.columns, "return", "steps")
-    given = {key: [c.amounts.get(key, 0.0) for c in tried] for key in AXES}
-    most = disturb_of({key: max(values) for key, values in given.items()})
-    own = replace(settings, num_envs=min(size, total), disturb=most)
-    simulation = build(own)
+    table = {key: [c.amounts.get(key, 0.0) for c in tried] for key in AXES}
+    most = disturb_of({key: max(values) for key, values in table.items()})
+    batch = replace(settings, num_envs=min(size, total), disturb=most)
+    simulation = build(batch)
     controller, here = make(simulation), simulation.device
-    amounts = {key: torch.tensor(values, device=here) for key, values in given.items()}
+    amounts = {key: torch.tensor(values, device=here) for key, values in table.items()}
     ended = torch.zeros(total, len(names), dtype=torch.float64, device=here)
     # The episode of each environment, counted over all conditions; -1: none is left.
-    at, dealt = torch.full((own.num_envs,), -1, device=here), 0
-    fresh, moment = torch.ones(own.num_envs, dtype=torch.bool, device=here), None
+    at, dealt = torch.full((batch.num_envs,), -1, device=here), 0
+    fresh, moment = torch.ones(batch.num_envs, dtype=torch.bool, device=here), None
     with tqdm(total=total, desc="stress", unit="episode", disable=None) as bar:
         while True:
             rows = fresh.nonzero().flatten()
@@ -110,14 +110,14 @@ def stress(
             ended[at[over]] = torch.stack(known, -1)[over]
             bar.update(int(over.sum()))
     return [
-        _row(condition, dict(zip(names, found.T.numpy(), strict=True)))
-        for condition, found in zip(tried, ended.cpu().split(episodes), strict=True)
+        _row(condition, dict(zip(names, results.T.numpy(), strict=True)))
+        for condition, results in zip(tried, ended.cpu().split(episodes), strict=True)
     ]
 
 
-def _row(condition: Condition, found: Mapping[str, np.ndarray]) -> dict[str, Any]:
+def _row(condition: Condition, columns: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """A line of ``stress.csv``: the condition, and rates and means over its episodes."""
-    success = found["success"]
+    success = columns["success"]
     low, high = wilson(int(success.sum()), len(success))
     return {
         "axis": condition.axis,
@@ -125,7 +125,7 @@ def _row(condition: Condition, found: Mapping[str, np.ndarray]) -> dict[str, Any
         "amount": condition.amounts.get(condition.axis, ""),
         "unit": AXES[condition.axis].unit if condition.axis in AXES else "",
         "episodes": len(success),
-        **{name: round(float(values.mean()), 4) for name, values in found.items()},
+        **{name: round(float(values.mean()), 4) for name, values in columns.items()},
         "success_low": low,
         "success_high": high,
     }
@@ -134,12 +134,12 @@ def _row(condition: Condition, found: Mapping[str, np.ndarray]) -> dict[str, Any
 def summary(rows: list[dict[str, Any]]) -> str:
     """The rows in a few lines: undisturbed, at severity 3 the mean over axes and the worst."""
     by = {(row["axis"], row["severity"]): row for row in rows}
-    own = {axis: row for (axis, severity), row in by.items() if severity == 3 and axis in AXES}
+    severe = {axis: row for (axis, severity), row in by.items() if severity == 3 and axis in AXES}
     lines = [f"undisturbed  {by[NONE, 0]['success']:.1%}"]
-    if own:
-        mean = float(np.mean([row["success"] for row in own.values()]))
-        lines.append(f"severity 3   {mean:.1%} (mean over {len(own)} axes)")
-        worst = sorted(own.values(), key=lambda row: row["success"])[:3]
+    if severe:
+        mean = float(np.mean([row["success"] for row in severe.values()]))
+        lines.append(f"severity 3   {mean:.1%} (mean over {len(severe)} axes)")
+        worst = sorted(severe.values(), key=lambda row: row["success"])[:3]
         axes = ", ".join(f"{row['axis']} {row['success']:.0%}" for row in worst)
         lines.append(f"worst        {axes}")
     lines.append(f"all at once  {rows[-1]['success']:.1%} (severity {rows[-1]['severity']})")

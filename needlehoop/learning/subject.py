@@ -1,4 +1,4 @@
-"""Resolves a policy and its environment: of a run, or a script's."""
+"""Finds a controller and its environment: a run's policy, or a script."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from needlehoop.runs.run import Run
 
 
 def subject(
-    who: str, words: Iterable[str], seed: int | None, device: torch.device, trust: bool
+    name: str, words: Iterable[str], seed: int | None, device: torch.device, trust: bool
 ) -> tuple[Settings, MakeController]:
     """Find the controller that is meant, and its environment, undisturbed.
 
     Args:
-        who: a run's folder, or the name of a scripted controller.
+        name: a run's folder, or the name of a scripted controller.
         words: settings of the environment; of a run, only those to be changed.
         seed: of the episodes; ``None``: of the final evaluation.
         trust: whether Python code that a run's files name may run.
@@ -35,14 +35,14 @@ def subject(
     Raises:
         ValueError: no such controller, or settings that do not fit.
     """
-    path = Path(who)
+    path = Path(name)
     if path.is_dir():
         settings, make = of_run(path, words, seed, device, trust, "stress")
         return replace(settings, disturb=Disturb()), make
     # As in a run's final evaluation by default.
     settings = compose_settings([*words, f"seed={1_000_001 if seed is None else seed}"])
-    check_names("a run's folder or controller", [who], controllers(settings))
-    return replace(settings, cams=()), by_name(who)
+    check_names("a run's folder or controller", [name], controllers(settings))
+    return replace(settings, cams=()), by_name(name)
 
 
 def of_run(
@@ -61,10 +61,10 @@ def of_run(
     """
     run = Run.open(folder)
     job, _ = flown_job(run.config(), words, trust, command)
-    own = job.evaluation.final_seed + later if seed is None else seed
-    check_seed(job, own)
+    seed = job.evaluation.final_seed + later if seed is None else seed
+    check_seed(job, seed)
     agent = load_agent(run, job, device, which_policy(run, None)[0])
-    return replace(job.env, seed=own), acting(agent.actor)
+    return replace(job.env, seed=seed), acting(agent.actor)
 
 
 def flown_job(
@@ -79,16 +79,16 @@ def flown_job(
         ValueError: code without ``trust``, a word that is wrong, or one that changes what the
             agent's networks were made for.
     """
-    given = list(words)
+    changes = list(words)
     import_trusted_task(recorded, trust)
-    own = checked_job(recorded)
-    values, found = changed(recorded, given, command)
+    original = checked_job(recorded)
+    values, new_values = changed(recorded, changes, command)
     job = checked_job(values)
-    check_same(own.spec, job.spec, ", ".join(found))
-    is_typed = any(word.lstrip("+").startswith("reward=") for word in given)
+    check_same(original.spec, job.spec, ", ".join(new_values))
+    is_typed = any(word.lstrip("+").startswith("reward=") for word in changes)
     paid = (
         rewards.with_function(job.env.reward)
         if is_typed
         else rewards.with_trusted_function(job.env.reward, trust)
     )
-    return replace(job, env=replace(job.env, reward=paid)), found
+    return replace(job, env=replace(job.env, reward=paid)), new_values

@@ -42,12 +42,12 @@ class FoldPixels(Transform):
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         """Images ``(n, h/k, w/k, k*k*c)``."""
-        found = observation_spec.clone()
+        spec = observation_spec.clone()
         for key in self.in_keys:
-            shape = self._fold(found[key].zero()).shape
-            here = found.device
-            found[key] = Bounded(0, 255, shape=shape, dtype=torch.uint8, device=here)
-        return found
+            shape = self._fold(spec[key].zero()).shape
+            here = spec.device
+            spec[key] = Bounded(0, 255, shape=shape, dtype=torch.uint8, device=here)
+        return spec
 
 
 class Teacher(Transform):
@@ -104,18 +104,18 @@ class Teacher(Transform):
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         """With the teacher's keys."""
-        found, shape = observation_spec.clone(), torch.Size(self._shape)
-        here, column = found.device, torch.Size((shape[0], 1))
+        spec, shape = observation_spec.clone(), torch.Size(self._shape)
+        here, column = spec.device, torch.Size((shape[0], 1))
         for key in (LABEL, EXPERT):
-            found[key] = Unbounded(shape=shape, device=here)
-        found[LEARNER] = Binary(1, shape=column, dtype=torch.bool, device=here)
-        return found
+            spec[key] = Unbounded(shape=shape, device=here)
+        spec[LEARNER] = Binary(1, shape=column, dtype=torch.bool, device=here)
+        return spec
 
     def get_extra_state(self) -> dict[str, Any]:
         """Everything that decides the next actions."""
         noise = {"drift": self._noise.drift, "strength": self._noise.strength}
-        own = {"learner": self._learner, "acted": self._acted, **noise}
-        return {**own, "generator": self._generator.get_state()}
+        state = {"learner": self._learner, "acted": self._acted, **noise}
+        return {**state, "generator": self._generator.get_state()}
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
         """Go on from a ``get_extra_state``."""

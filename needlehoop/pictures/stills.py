@@ -24,7 +24,7 @@ from needlehoop.scene.image_size import scaled_to, sides
 
 _OVERSAMPLING = 3
 _AFTER_SUCCESS = 4
-"""Steps from success to the goal picture, in which the goal is reached for all to see."""
+"""Steps from success to the goal picture, which then shows the goal clearly."""
 
 _STEPS = 10
 """Steps of the expert before disturbances are shown: late and frozen pictures show then."""
@@ -81,13 +81,13 @@ def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
     ``raw`` shows the agent's own ``image_size`` pixels instead of a smooth picture. Errors are as
     in ``stages``.
     """
-    own = settings.image_size
-    pixels = own if raw else scaled_to(own, size * _OVERSAMPLING)
+    agent_size = settings.image_size
+    pixels = agent_size if raw else scaled_to(agent_size, size * _OVERSAMPLING)
     s = replace(settings, cams=_cameras(settings), image_size=pixels, quality=1 if raw else 2)
     states = list(stages(s, "start", "goal").values())
     renderings = _ordered(s)
     # The eyes of a stereo camera are beside each other.
-    rows = in_rows([one for one in s.cameras if one.rendering == renderings[0]], s.views)
+    rows = in_rows([camera for camera in s.cameras if camera.rendering == renderings[0]], s.views)
     views = [camera.view for row in rows for camera in row]
 
     def tile(row: int, block: int, column: int) -> Image.Image:
@@ -124,11 +124,11 @@ def _ordered(settings: Settings) -> list[str]:
     )
 
 
-def stages(settings: Settings, *wanted: str) -> dict[str, dict[str, np.ndarray]]:
+def stages(settings: Settings, *moments: str) -> dict[str, dict[str, np.ndarray]]:
     """The images of all cameras at moments of one episode of the task's teacher.
 
-    ``wanted``: of ``start``; names of facts, for the first step at which that is true; ``goal``, a
-    few steps after the task is done. ``RuntimeError``: the teacher did not get that far.
+    ``moments``: ``start``; ``goal``, a few steps after the task is done; or a fact's name, for the
+    first step at which it is true. ``RuntimeError``: the teacher did not get that far.
     """
     # The episode must go on after success.
     s = replace(settings, num_envs=1, episode=replace(settings.episode, end_on_success=False))
@@ -139,13 +139,13 @@ def stages(settings: Settings, *wanted: str) -> dict[str, dict[str, np.ndarray]]
         facts = {name: bool(fact[0]) for name, fact in step.moment.facts.items()}
         since += bool(since or facts[s.definition.goal])
         here = {"start": step.action is None, **facts, "goal": since > _AFTER_SUCCESS}
-        for name in wanted:
+        for name in moments:
             if name not in seen and here.get(name):
                 images = simulation.images()
                 seen[name] = {camera: image[0].cpu().numpy() for camera, image in images.items()}
-        if set(wanted) <= set(seen):
+        if set(moments) <= set(seen):
             return seen
-    missing = ", ".join(name for name in wanted if name not in seen)
+    missing = ", ".join(name for name in moments if name not in seen)
     raise RuntimeError(f"the teacher did not get to {missing} with seed={settings.seed}")
 
 
@@ -161,32 +161,32 @@ def disturbed_sheet(
     if not settings.cams:
         raise ValueError("cams: choose the cameras to show, such as cams=rgb_front,dep_front")
     axes = [key for key in AXES if not key.startswith("robot.")]
-    # By severity, from none on.
-    ladder = {f"{g}.{name}": (0.0, *row) for g, own in levels.items() for name, row in own.items()}
+    # Amounts by severity, from 0 on.
+    ladder = {f"{g}.{key}": (0.0, *row) for g, rows in levels.items() for key, row in rows.items()}
     cases = [(key, severity) for key in axes for severity in _SEVERITIES]
-    own = replace(
+    batch = replace(
         settings,
         num_envs=len(cases),
         disturb=disturb_of({key: ladder[key][5] for key in axes}),
         episode=replace(settings.episode, end_on_success=False),
     )
-    simulation = build(own)
+    simulation = build(batch)
     amounts = {
         key: torch.tensor([ladder[key][s] if k == key else 0.0 for k, s in cases]) for key in axes
     }
     first = torch.zeros(len(cases), dtype=torch.int64)
     simulation.deal(torch.arange(len(cases)), first, amounts)
-    flight = rollout(simulation, controller(own.definition.teacher, own))
+    flight = rollout(simulation, controller(batch.definition.teacher, batch))
     # Every step is looked at: cameras that deliver late give what they saw before.
     *_, images = (simulation.images() for _ in islice(flight, _STEPS + 1))
 
     def picture(row: int, block: int, column: int) -> Image.Image:
-        camera = own.cameras[block]
+        camera = batch.cameras[block]
         image = images[camera.name][row * len(_SEVERITIES) + column].cpu().numpy()
-        return scaled(image, own.renderings[camera.rendering], tile)
+        return scaled(image, batch.renderings[camera.rendering], tile)
 
-    said = [f"severity {severity}" if severity else "undisturbed" for severity in _SEVERITIES]
-    return sheet(axes, own.cams, said, tile, picture)
+    titles = [f"severity {severity}" if severity else "undisturbed" for severity in _SEVERITIES]
+    return sheet(axes, batch.cams, titles, tile, picture)
 
 
 def sheet(
@@ -213,9 +213,9 @@ def sheet(
     for block, name in enumerate(blocks):
         left = label + block * pace
         write((left + (pace - head // 2) // 2, head // 2), name, anchor="mm")
-        for column, said in enumerate(columns):
+        for column, title in enumerate(columns):
             x = left + column * (size + gap)
-            write((x + size // 2, 3 * head // 2), said, anchor="mm")
+            write((x + size // 2, 3 * head // 2), title, anchor="mm")
             for row in range(len(rows)):
                 made.paste(tile(row, block, column), (x, 2 * head + row * (size + gap)))
     return made

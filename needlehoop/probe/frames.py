@@ -52,7 +52,7 @@ class Quantities:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of all errors: in mm, but of ``fact`` the share of frames in which it is wrong."""
+        """Names of all errors: in mm; of ``fact``, the share of frames in which it is wrong."""
         return (*self.points, *self.gaps, self.fact)
 
 
@@ -65,9 +65,9 @@ def quantities(task: Task) -> Quantities:
     gaps: dict[str, tuple[str, str]] = {}
     needed = {}
     for phase in task.phases:
-        others = [name for name in phase.points if name != origin]
-        if len(others) == 1:
-            needed[phase.name] = others[0]
+        names = [name for name in phase.points if name != origin]
+        if len(names) == 1:
+            needed[phase.name] = names[0]
             continue
         # Short, as ``tool_to_block`` is of ``tool_midpoint`` and ``block_position``.
         name = "_to_".join(point.partition("_")[0] for point in phase.points)
@@ -109,52 +109,52 @@ def collect(settings: Settings, episodes: int, per_phase: int) -> Frames:
     phase of one episode, spread evenly over it. Errors are as in ``quantities``.
     """
     task = settings.definition
-    asked = quantities(task)
+    targets = quantities(task)
     images, moments, numbers = [], [], []
     for simulation in batches(settings, episodes, _BATCH):
         phases = [
-            torch.where(step.alive, phase_of(asked, step.moment.signals), -1)
+            torch.where(step.alive, phase_of(targets, step.moment.signals), -1)
             for step in rollout(simulation, _cast(simulation))
         ]
-        chosen = _spread(torch.stack(phases).numpy(), len(asked.phases), per_phase)
+        chosen = _spread(torch.stack(phases).numpy(), len(targets.phases), per_phase)
         simulation.reseed(settings.seed)
-        for step, wanted in zip(rollout(simulation, _cast(simulation)), chosen, strict=True):
-            ids = torch.from_numpy(np.flatnonzero(wanted))
+        for step, mask in zip(rollout(simulation, _cast(simulation)), chosen, strict=True):
+            ids = torch.from_numpy(np.flatnonzero(mask))
             if len(ids):
                 images.append(simulation.images(ids))
                 moments.append(step.moment.signals[ids])
                 numbers.append(int(simulation.envs[0]) + ids)
     signals: Any = torch.cat(moments)
-    places = [getattr(signals, name) for name in asked.points]
+    places = [getattr(signals, name) for name in targets.points]
     return Frames(
         {name: torch.cat([shown[name] for shown in images]) for name in images[0]},
         columns(task.state, signals),
-        1e3 * (torch.stack(places, 1) - getattr(signals, asked.origin)[:, None]).float(),
-        getattr(signals, asked.fact),
-        phase_of(asked, signals),
+        1e3 * (torch.stack(places, 1) - getattr(signals, targets.origin)[:, None]).float(),
+        getattr(signals, targets.fact),
+        phase_of(targets, signals),
         torch.cat(numbers),
     )
 
 
-def phase_of(asked: Quantities, signals: Signals) -> Tensor:
+def phase_of(targets: Quantities, signals: Signals) -> Tensor:
     """Index of the phase ``(n,)`` int64 of each environment's moment.
 
     It is the phase after the last fact that holds; but the first phase until its own fact holds.
-    A fact in between may be over again: what is put down is no longer high up.
+    A fact in between may be false again: what is put down is no longer high up.
     """
     index = torch.zeros(signals.batch_size, dtype=torch.int64)
-    for number, phase in enumerate(asked.phases[:-1], 1):
-        index = torch.where(getattr(signals, asked.ends[phase]), number, index)
-    return torch.where(getattr(signals, asked.fact), index, 0)
+    for number, phase in enumerate(targets.phases[:-1], 1):
+        index = torch.where(getattr(signals, targets.ends[phase]), number, index)
+    return torch.where(getattr(signals, targets.fact), index, 0)
 
 
 def _cast(simulation: Simulation) -> Controller:
     """The controllers of a batch: environment ``i`` has the one that ``KINDS`` names."""
     settings, first = simulation.settings, int(simulation.envs[0])
     n, expert = settings.num_envs, controller("expert", settings)
-    who = [KINDS[(first + env) % len(KINDS)] for env in range(n)]
+    kinds = [KINDS[(first + env) % len(KINDS)] for env in range(n)]
     is_random, perturbed = (
-        torch.tensor([one == kind for one in who]).unsqueeze(-1) for kind in ("random", "perturbed")
+        torch.tensor([k == kind for k in kinds]).unsqueeze(-1) for kind in ("random", "perturbed")
     )
     generator = torch.Generator().manual_seed(settings.seed + first)
 

@@ -80,17 +80,17 @@ class Plan:
         return _SEEDS + 2 * seed, _SEEDS + 2 * seed + 1
 
 
-def camera_sets(given: Any, settings: Settings) -> tuple[tuple[str, ...], ...]:
+def camera_sets(names: Any, settings: Settings) -> tuple[tuple[str, ...], ...]:
     """Camera sets from their names, with ``+`` between cameras.
 
     ``ValueError``: no camera set, an unknown camera, or a camera set named twice.
     """
-    found = tuple(tuple(one.split("+")) for one in strict.structure(given, strict.Names, "cams"))
-    for names in found:
-        parse_cameras(names, settings.views, settings.renderings)
-    if not found or len({*found}) < len(found):
+    sets = tuple(tuple(name.split("+")) for name in strict.structure(names, strict.Names, "cams"))
+    for cameras in sets:
+        parse_cameras(cameras, settings.views, settings.renderings)
+    if not sets or len({*sets}) < len(sets):
         raise ValueError("cams: give camera sets, such as rgb_front+rgb_side, each once")
-    return found
+    return sets
 
 
 def probe(plan: Plan, folder: Path, progress: Callable[..., Any] = tqdm) -> None:
@@ -107,31 +107,31 @@ def probe(plan: Plan, folder: Path, progress: Callable[..., Any] = tqdm) -> None
 
 
 def _probe_seed(plan: Plan, folder: Path, seed: int, bar: tqdm) -> None:
-    asked, sizes, fold = quantities(plan.env.definition), plan.episodes, Fold(plan.encoder.stem)
-    cameras = tuple(dict.fromkeys(camera for one in plan.camera_sets for camera in one))
-    found = []
-    for episodes, own in zip((sizes.train, sizes.held_out), plan.episode_seeds(seed), strict=True):
-        frames = collect(replace(plan.env, cams=cameras, seed=own), episodes, sizes.per_phase)
+    targets, sizes, fold = quantities(plan.env.definition), plan.episodes, Fold(plan.encoder.stem)
+    cameras = tuple(dict.fromkeys(camera for cams in plan.camera_sets for camera in cams))
+    parts = []
+    for n, env_seed in zip((sizes.train, sizes.held_out), plan.episode_seeds(seed), strict=True):
+        frames = collect(replace(plan.env, cams=cameras, seed=env_seed), n, sizes.per_phase)
         # Once, for all readers.
         images = {name: fold(image) for name, image in frames.images.items()}
-        found.append(replace(frames, images=images))
-    learnt, held_out = found
+        parts.append(replace(frames, images=images))
+    learnt, held_out = parts
 
     def keep(name: str, points: Tensor, fact: Tensor) -> None:
-        found = errors(asked, held_out, points, fact, sizes.held_out)
-        save(folder / f"seed{seed}/{name}.csv", asked, *found)
+        means, counts = errors(targets, held_out, points, fact, sizes.held_out)
+        save(folder / f"seed{seed}/{name}.csv", targets, means, counts)
 
     def measure(name: str, reader: Reader) -> None:
         reader.learn()
         keep(name, *reader.read(held_out))
         bar.update()
 
-    keep(CONSTANT, *constant(asked, learnt, held_out))
-    wanted = {seen(one): one for one in plan.camera_sets} | {TRUTH: ()}
-    readers = [Reader(plan, learnt, own, seed) for own in wanted.values()]
+    keep(CONSTANT, *constant(targets, learnt, held_out))
+    sets = {seen(cams): cams for cams in plan.camera_sets} | {TRUTH: ()}
+    readers = [Reader(plan, learnt, cams, seed) for cams in sets.values()]
     with ThreadPoolExecutor(plan.env.engine.cpus) as pool:
         # After an error or Ctrl-C, this cancels what has not begun.
-        list(pool.map(measure, wanted, readers))
+        list(pool.map(measure, sets, readers))
 
 
 class Reader:
@@ -165,17 +165,17 @@ class Reader:
         frames, fit = self._learnt, self._fit
         for normalizer in self._normalizers:
             normalizer.learn(frames.state.to(self._device))
-        wanted = ((frames.points - self._mean) / self._deviation).flatten(1)
+        points = ((frames.points - self._mean) / self._deviation).flatten(1)
         weights = [*self._trunk.parameters(), *self._answers.parameters()]
         optimizer = torch.optim.Adam(weights, lr=fit.learning_rate)
         falling = torch.optim.lr_scheduler.LinearLR(optimizer, 1.0, 0.0, fit.updates)
         generator = torch.Generator().manual_seed(self._seed)
         for _ in range(fit.updates):
             rows = torch.randint(len(frames), (fit.minibatch,), generator=generator)
-            said = self._say(frames, rows)
-            loss = functional.mse_loss(said[:, :-1], wanted[rows].to(self._device))
+            outputs = self._say(frames, rows)
+            loss = functional.mse_loss(outputs[:, :-1], points[rows].to(self._device))
             loss = loss + functional.binary_cross_entropy_with_logits(
-                said[:, -1], frames.fact[rows].float().to(self._device)
+                outputs[:, -1], frames.fact[rows].float().to(self._device)
             )
             optimizer.zero_grad()
             loss.backward()
@@ -186,9 +186,9 @@ class Reader:
     def read(self, frames: Frames) -> tuple[Tensor, Tensor]:
         """``points`` and ``fact`` of frames that were not learnt from."""
         parts = [self._say(frames, rows).cpu() for rows in torch.arange(len(frames)).split(512)]
-        said = torch.cat(parts)
-        points = said[:, :-1].view(-1, *self._mean.shape) * self._deviation + self._mean
-        return points, said[:, -1] > 0
+        outputs = torch.cat(parts)
+        points = outputs[:, :-1].view(-1, *self._mean.shape) * self._deviation + self._mean
+        return points, outputs[:, -1] > 0
 
     def _say(self, frames: Frames, rows: Tensor) -> Tensor:
         """Standardised points and, last, the logit of the fact, of chosen frames."""

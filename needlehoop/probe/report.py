@@ -41,14 +41,14 @@ def ranking(results: ProbeResults) -> pd.DataFrame:
     rows = []
     for name in (*results.ranked, *_BASELINES):
         best, worst = results.places.get(name, ("", ""))
-        found = results.score(name)
+        mean = results.score(name)
         row = {
             "place": f"{best}" if best == worst else f"{best} to {worst}",
             "cameras": _BASELINES.get(name, name),
-            "score": written(found.value, ".3f"),
-            "95 %": written(found.interval, ".3f"),
+            "score": written(mean.value, ".3f"),
+            "95 %": written(mean.interval, ".3f"),
         }
-        for phase, quantity in results.asked.needed.items():
+        for phase, quantity in results.targets.needed.items():
             row[f"{phase}, mm"] = written(results.error(name, phase, quantity))
         for seed, score in enumerate(results.scores_by_seed(name)):
             row[f"seed {seed}"] = f"{score:.3f}"
@@ -68,45 +68,45 @@ def agreements(results: ProbeResults) -> pd.DataFrame:
     """
     scores = {name: results.score(name).value for name in results.ranked}
     sides = []
-    if results.asked.task == paper.task():
+    if results.targets.task == paper.task():
         measured, lists = paper.measured(), paper.lists()
         for name, members in {**lists, "all": [*measured]}.items():
             sides.append((name, PAPERS_MEASURED, scores, {one: measured[one] for one in members}))
         told = said(paper.SOURCE, paper.answers())
         sides += [
-            (name, told.who, scores, theirs)
-            for name, theirs in zip(lists, told.lists.values(), strict=True)
+            (name, told.source, scores, order)
+            for name, order in zip(lists, told.lists.values(), strict=True)
         ]
     by_seed = {name: results.scores_by_seed(name) for name in scores}
     for pair in combinations(range(results.seeds), 2):
-        first, second = ({name: own[seed] for name, own in by_seed.items()} for seed in pair)
+        first, second = ({name: values[seed] for name, values in by_seed.items()} for seed in pair)
         sides.append((f"seed {pair[0]}", f"seed {pair[1]}", first, second))
     rows = []
-    for name, against, own, theirs in sides:
+    for name, against, predicted, truth in sides:
         # Nothing where the probe has not seen all of the list.
-        if len(theirs) > 1 and theirs.keys() <= own.keys():
-            found = agreement({one: own[one] for one in theirs}, theirs)
-            row = {"list": LISTS.get(name, name), "against": against, "n": str(found.n)}
-            rows.append(row | agreed(found))
+        if len(truth) > 1 and truth.keys() <= predicted.keys():
+            fit = agreement({cams: predicted[cams] for cams in truth}, truth)
+            row = {"list": LISTS.get(name, name), "against": against, "n": str(fit.n)}
+            rows.append(row | agreed(fit))
     return pd.DataFrame(rows)
 
 
 def ranking_figure(results: ProbeResults) -> Figure:
     """Scores with intervals, and beside them the errors in each phase."""
-    names, rows = results.ranked, range(len(results.ranked))
+    names, rows, needed = results.ranked, range(len(results.ranked)), results.targets.needed
     # 4.2 mm for each camera set.
     figure, [[left, right]] = new_figure(24 + 4.2 * len(names), 1, 2, sharey=True)
     for y, name in enumerate(names):
-        found = results.score(name)
-        assert found.interval is not None
-        ends = [found.interval.low, found.interval.high]
+        score = results.score(name)
+        assert score.interval is not None
+        ends = [score.interval.low, score.interval.high]
         left.plot(ends, [y, y], color=COLOURS[0], linewidth=1.6)
-        left.plot(found.value, y, "o", color=COLOURS[0], markersize=3)
+        left.plot(score.value, y, "o", color=COLOURS[0], markersize=3)
     left.set_yticks(rows, names)
     left.set_ylim(len(names) - 0.4, -0.6)
     left.set_xlabel("score (1: no error)")
     looks = zip(COLOURS[1:], "os^Dv", strict=False)
-    for (phase, quantity), (colour, mark) in zip(results.asked.needed.items(), looks, strict=False):
+    for (phase, quantity), (colour, mark) in zip(needed.items(), looks, strict=False):
         values = [results.error(name, phase, quantity).value for name in names]
         right.plot(values, rows, mark, color=colour, markersize=3.2, label=phase)
         floor = results.error(TRUTH, phase, quantity).value

@@ -26,7 +26,7 @@ _RESAMPLES = 2_000
 
 
 def errors(
-    asked: Quantities, frames: Frames, points: Tensor, fact: Tensor, episodes: int
+    targets: Quantities, frames: Frames, points: Tensor, fact: Tensor, episodes: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Errors of what was read off held-out frames, as ``Frames`` has it.
 
@@ -34,13 +34,13 @@ def errors(
     frames each is over, ``(episodes, phases)``.
     """
     off = (points - frames.points).double()
-    by_name = dict(zip(asked.points, off.unbind(1), strict=True))
-    wrong = [*by_name.values(), *(by_name[to] - by_name[of] for of, to in asked.gaps.values())]
-    columns = [one.norm(dim=-1) for one in wrong]
+    by_name = dict(zip(targets.points, off.unbind(1), strict=True))
+    wrong = [*by_name.values(), *(by_name[to] - by_name[of] for of, to in targets.gaps.values())]
+    columns = [offset.norm(dim=-1) for offset in wrong]
     columns.append((fact != frames.fact).double())
     values = np.stack([column.numpy() for column in columns], -1)
-    total = np.zeros((episodes, len(asked.phases), len(asked.names)))
-    count = np.zeros((episodes, len(asked.phases)), dtype=int)
+    total = np.zeros((episodes, len(targets.phases), len(targets.names)))
+    count = np.zeros((episodes, len(targets.phases)), dtype=int)
     where = (frames.episode.numpy(), frames.phase.numpy())
     np.add.at(total, where, values)
     np.add.at(count, where, 1)
@@ -48,14 +48,14 @@ def errors(
         return total / count[..., None], count
 
 
-def constant(asked: Quantities, learnt: Frames, frames: Frames) -> tuple[Tensor, Tensor]:
+def constant(targets: Quantities, learnt: Frames, frames: Frames) -> tuple[Tensor, Tensor]:
     """The best constant ``points`` and ``fact`` for ``frames``.
 
-    Of places the mean of the phase's training frames; the fact as most training frames are.
+    Points: their mean over the phase's training frames. The fact: as in most training frames.
     ``ValueError``: a phase that no training frame shows.
     """
     points = torch.empty_like(frames.points)
-    for phase, name in enumerate(asked.phases):
+    for phase, name in enumerate(targets.phases):
         known = learnt.points[learnt.phase == phase]
         if not len(known):
             raise ValueError(f"episodes.train: none comes to the phase {name}; take more")
@@ -64,24 +64,24 @@ def constant(asked: Quantities, learnt: Frames, frames: Frames) -> tuple[Tensor,
     return points, commonest.expand(len(frames))
 
 
-def _columns(asked: Quantities) -> list[str]:
+def _columns(targets: Quantities) -> list[str]:
     """Columns of a file of errors: who acted, how many frames there are, and the mean errors."""
-    frames = [f"{phase}_frames" for phase in asked.phases]
-    means = [f"{phase}_{name}" for phase in asked.phases for name in asked.names]
+    frames = [f"{phase}_frames" for phase in targets.phases]
+    means = [f"{phase}_{name}" for phase in targets.phases for name in targets.names]
     return ["episode", "kind", *frames, *means]
 
 
-def save(path: Path, asked: Quantities, means: np.ndarray, frames: np.ndarray) -> None:
+def save(path: Path, targets: Quantities, means: np.ndarray, frames: np.ndarray) -> None:
     """Write a camera set's errors, as ``errors`` returns them, as a table of episodes."""
     rows = [
-        (episode, KINDS[episode % len(KINDS)], *counts, *(f"{value:.4g}" for value in own.flat))
-        for episode, (own, counts) in enumerate(zip(means, frames, strict=True))
+        (episode, KINDS[episode % len(KINDS)], *counts, *(f"{value:.4g}" for value in values.flat))
+        for episode, (values, counts) in enumerate(zip(means, frames, strict=True))
     ]
     path.parent.mkdir(parents=True, exist_ok=True)
-    pd.DataFrame(rows, columns=_columns(asked)).replace("nan", "").to_csv(path, index=False)
+    pd.DataFrame(rows, columns=_columns(targets)).replace("nan", "").to_csv(path, index=False)
 
 
-def load(folder: Path, asked: Quantities) -> ProbeResults:
+def load(folder: Path, targets: Quantities) -> ProbeResults:
     """The results in a folder: ``seed<k>/<cameras>.csv``; ``ValueError``: of another task."""
     seeds = sorted(folder.glob("seed*"), key=lambda place: int(place.name.removeprefix("seed")))
     means = {}
@@ -89,12 +89,12 @@ def load(folder: Path, asked: Quantities) -> ProbeResults:
         tables = []
         for seed in seeds:
             table = pd.read_csv(seed / file.name)
-            if list(table.columns) != _columns(asked):
-                raise ValueError(f"{seed / file.name} is not of a probe of {asked.task}")
-            shape = len(table), len(asked.phases), len(asked.names)
-            tables.append(table.iloc[:, 2 + len(asked.phases) :].to_numpy(float).reshape(shape))
+            if list(table.columns) != _columns(targets):
+                raise ValueError(f"{seed / file.name} is not of a probe of {targets.task}")
+            shape = len(table), len(targets.phases), len(targets.names)
+            tables.append(table.iloc[:, 2 + len(targets.phases) :].to_numpy(float).reshape(shape))
         means[file.stem] = np.stack(tables)
-    return ProbeResults(asked, means)
+    return ProbeResults(targets, means)
 
 
 class ProbeResults:
@@ -103,20 +103,20 @@ class ProbeResults:
     ``means``: ``(seeds, episodes, phases, quantities)``, NaN where an episode has no such phase.
     """
 
-    def __init__(self, asked: Quantities, means: Mapping[str, np.ndarray]):
+    def __init__(self, targets: Quantities, means: Mapping[str, np.ndarray]):
         seeds, episodes = means[CONSTANT].shape[:2]
-        self.asked, self.seeds = asked, seeds
+        self.targets, self.seeds = targets, seeds
         # How often each episode counts: once; then in each of the samples.
         evenly, generator = np.full(episodes, 1 / episodes), np.random.default_rng(0)
         drawn = generator.multinomial(episodes, evenly, size=(seeds, _RESAMPLES))
         counts = np.concatenate((np.ones((seeds, 1, episodes)), drawn), 1)
-        self._errors = {name: _weighted(own, counts) for name, own in means.items()}
-        needed = [asked.names.index(asked.needed[phase]) for phase in asked.phases]
+        self._errors = {name: _weighted(values, counts) for name, values in means.items()}
+        needed = [targets.names.index(targets.needed[phase]) for phase in targets.phases]
         of_phases = {
-            name: own[..., range(len(needed)), needed] for name, own in self._errors.items()
+            name: values[..., range(len(needed)), needed] for name, values in self._errors.items()
         }
         self._scores = {
-            name: (1 - own / of_phases[CONSTANT]).mean(-1) for name, own in of_phases.items()
+            name: (1 - values / of_phases[CONSTANT]).mean(-1) for name, values in of_phases.items()
         }
         cameras = [name for name in means if name not in (TRUTH, CONSTANT)]
         self.places = places({name: self.score(name) for name in cameras})
@@ -135,7 +135,7 @@ class ProbeResults:
 
     def error(self, name: str, phase: str, quantity: str) -> Estimated:
         """Mean error in mm (of the fact: a share), as ``score``."""
-        at = self.asked.phases.index(phase), self.asked.names.index(quantity)
+        at = self.targets.phases.index(phase), self.targets.names.index(quantity)
         return _mean(self._errors[name][..., *at])
 
 
@@ -145,13 +145,13 @@ def places(scores: Mapping[str, Estimated]) -> dict[str, tuple[int, int]]:
     One is before another only where its whole interval is above the other's. Two whose
     intervals overlap always share a place.
     """
-    ends = {name: found.interval for name, found in scores.items() if found.interval}
+    intervals = {name: score.interval for name, score in scores.items() if score.interval}
     return {
         name: (
-            1 + sum(other.low > own.high for other in ends.values()),
-            len(ends) - sum(other.high < own.low for other in ends.values()),
+            1 + sum(other.low > interval.high for other in intervals.values()),
+            len(intervals) - sum(other.high < interval.low for other in intervals.values()),
         )
-        for name, own in ends.items()
+        for name, interval in intervals.items()
     }
 
 

@@ -54,10 +54,10 @@ class FunctionReward:
 
         ``RewardError``: the function returned something else, or a term is not finite.
         """
-        found = self.function(signals, **self.values)
-        terms = {"reward": found} if isinstance(found, Tensor) else found
+        result = self.function(signals, **self.values)
+        terms = {"reward": result} if isinstance(result, Tensor) else result
         if not isinstance(terms, Mapping) or not terms:
-            raise RewardError(f"reward: {self.origin} returned {found!r}; expected named terms")
+            raise RewardError(f"reward: {self.origin} returned {result!r}; expected named terms")
         n = len(signals)
         for name, term in terms.items():
             shape = tuple(term.shape) if isinstance(term, Tensor) else type(term).__name__
@@ -74,7 +74,7 @@ class FunctionReward:
 
 
 def given(function: Callable[..., Any]) -> dict[str, Any]:
-    """The config of a function object. It can't be written down for another process."""
+    """The config of a function object. It can't be passed on to another process."""
     name = getattr(function, "__qualname__", type(function).__name__)
     call = FunctionReward(function, {}, name)
     return {"kind": KIND, "function": name, "values": {}, "source": None, CALL: call}
@@ -82,7 +82,7 @@ def given(function: Callable[..., Any]) -> dict[str, Any]:
 
 def check(config: Mapping[str, Any]) -> None:
     """Check the keys of a config that names code; imports nothing. Raises ``ValueError``."""
-    values = {key: one for key, one in config.items() if key not in ("name", CALL)}
+    values = {key: value for key, value in config.items() if key not in ("name", CALL)}
     structure(values, _Config, "reward")
 
 
@@ -147,14 +147,14 @@ def _find(name: str) -> Callable[..., Any]:
         raise ValueError(f"reward.function: {name!r} is not module:name or file.py:name")
     try:
         if where.endswith(".py"):
-            found = run_path(str(Path(where).resolve())).get(attribute)
+            function = run_path(str(Path(where).resolve())).get(attribute)
         else:
-            found = getattr(import_module(where), attribute, None)
+            function = getattr(import_module(where), attribute, None)
     except (ImportError, OSError) as error:
         raise ValueError(f"reward.function: {where!r}: {error}") from error
-    if not callable(found):
+    if not callable(function):
         raise ValueError(f"reward.function: {where!r} has no function {attribute!r}")
-    return found
+    return function
 
 
 def _source(function: Callable[..., Any]) -> str:

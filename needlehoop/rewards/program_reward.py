@@ -32,7 +32,7 @@ _UNIT = re.compile(r"^unit = [0-9.e-]+$", re.MULTILINE)
 
 
 class NotWrittenError(ValueError):
-    """A program that is not there, and that a model can be asked for."""
+    """A program that does not exist yet; a model can be asked for it."""
 
 
 @dataclass(frozen=True)
@@ -100,19 +100,19 @@ class _Recorded(_Config):
 
 def _read(config: Mapping[str, Any]) -> tuple[Source, tuple[float, float] | None]:
     """The pinned program, or the one that the config points at, in its unit; and its clip."""
-    values = {key: one for key, one in config.items() if key != "name"}
-    own: Any = strict.structure(values, _File if config["kind"] == "file" else _Recorded, "reward")
-    match own.program:
+    values = {key: value for key, value in config.items() if key != "name"}
+    spec: Any = strict.structure(values, _File if config["kind"] == "file" else _Recorded, "reward")
+    match spec.program:
         case {"text": str(text), "origin": str(origin)}:
-            found = Source(text, origin)
-        case None if own.kind == "file":
-            found = read(Path(own.path))
+            source = Source(text, origin)
+        case None if spec.kind == "file":
+            source = read(Path(spec.path))
         case None:
-            place = own.study, own.results, own.recording
-            found = find(own.cams, FLAVOURS[own.kind], *place, own.sample)
+            place = spec.study, spec.results, spec.recording
+            source = find(spec.cams, FLAVOURS[spec.kind], *place, spec.sample)
         case _:
             raise ValueError("reward.program: it is null, or has a text and an origin")
-    return scaled(found, own.unit, "reward.unit"), own.clip
+    return scaled(source, spec.unit, "reward.unit"), spec.clip
 
 
 def load(config: Mapping[str, Any], table: Mapping[str, Signal]) -> ProgramReward:
@@ -173,7 +173,7 @@ def find(
     recording: str | None,
     sample: int = 1,
 ) -> Source:
-    """The program that was written for a camera set, whose order does not matter.
+    """The program that was written for a camera set, in any order.
 
     First choice is the study's, ``<results>/<study>/vlm/rewards/<cameras>/<flavour>.txt``, then
     the recording's, ``needlehoop/recordings/<recording>/rewards/<cameras>/<flavour>.txt``; either
@@ -192,7 +192,7 @@ def find(
     for folder in folders:
         files = {file.parent.name: file for file in sorted(folder.glob(f"*/{name}"))}
         known |= {*files}
-        fits = [own for own in files if sorted(own.split("+")) == chosen]
+        fits = [cameras for cameras in files if sorted(cameras.split("+")) == chosen]
         if flavour == "text" and "any" in files:
             fits.append("any")
         if fits:

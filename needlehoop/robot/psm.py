@@ -122,8 +122,8 @@ def poser(
 
     def write(qpos: np.ndarray, joints: np.ndarray, jaw: np.ndarray) -> None:
         qpos[:, six], qpos[:, jaw_1] = joints, jaw / 2
-        for one, other, ratio in ratios:
-            qpos[:, one] = ratio * qpos[:, other]
+        for follower, leader, ratio in ratios:
+            qpos[:, follower] = ratio * qpos[:, leader]
 
     return write
 

@@ -79,17 +79,17 @@ def interruption() -> Iterator[threading.Event]:
 
     So a run can finish its buffer and write a checkpoint.
     """
-    asked = threading.Event()
+    stop_request = threading.Event()
 
     def note(number: int, frame: Any) -> None:
-        asked.set()
+        stop_request.set()
         before.close()
         print("\nstopping after this buffer; once more to stop at once", file=sys.stderr)
 
     with ExitStack() as before:
         for kind in (signal.SIGINT, signal.SIGTERM):
             before.callback(signal.signal, kind, signal.signal(kind, note))
-        yield asked
+        yield stop_request
 
 
 @contextmanager
@@ -127,6 +127,6 @@ def held(folder: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        # While it is locked. A process that has opened the file before sees that it is gone.
+        # Still locked: a process that opened the file before sees that it is gone.
         path.unlink(missing_ok=True)
         lock.release()

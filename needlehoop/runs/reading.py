@@ -57,14 +57,14 @@ def read_yaml(path: Path) -> dict[str, Any]:
 def _read(path: Path, parse: Callable[[str], Any], kind: str) -> dict[str, Any]:
     text = read_text(path)
     try:
-        found = parse(text)
+        values = parse(text)
     except (json.JSONDecodeError, yaml.YAMLError) as error:
         raise UnreadableError(f"is no {kind}, or cut off") from error
-    if not isinstance(found, dict):
+    if not isinstance(values, dict):
         raise UnreadableError("holds no keys")
-    return found
+    return values
 
 
 def printable(text: str) -> str:
     r"""A text for a terminal: control characters are written out, such as ``\x1b``."""
-    return _CONTROL.sub(lambda found: ascii(found[0])[1:-1], text)
+    return _CONTROL.sub(lambda match: ascii(match[0])[1:-1], text)

@@ -158,7 +158,7 @@ class Run:
         try:
             return torch.load(path, map_location="cpu", weights_only=True)
         except Exception as error:
-            # Whatever an unpickler can trip over: other bytes fail in ways of their own.
+            # Damaged bytes make an unpickler raise any kind of error.
             raise ValueError(f"{path} is damaged: cut off, or something else") from error
 
     def go_on(self, checkpoint: Mapping[str, Any] | None) -> None:

@@ -60,10 +60,10 @@ class View:
 
     def __post_init__(self) -> None:
         ways = (Orbit._fields, _POSE)
-        found = tuple(key for keys in ways for key in keys if getattr(self, key) is not None)
-        if found not in ways:
+        place = tuple(key for keys in ways for key in keys if getattr(self, key) is not None)
+        if place not in ways:
             either = " or ".join(", ".join(keys) for keys in ways)
-            raise ValueError(f"view: {', '.join(found) or 'no place'} given; give either {either}")
+            raise ValueError(f"view: {', '.join(place) or 'no place'} given; give either {either}")
         if self.forward and self.up and not np.cross(self.forward, self.up).any():
             raise ValueError(f"view.up: {self.up} is zero or along forward={self.forward}")
         if not 0 < self.near < self.far:
@@ -72,14 +72,14 @@ class View:
     @property
     def given(self) -> dict[str, Any]:
         """Its keys and values, as a file has them: without defaults."""
-        own = {one.name: (getattr(self, one.name), one.default) for one in fields(self)}
-        return {key: value for key, (value, default) in own.items() if value != default}
+        pairs = {field.name: (getattr(self, field.name), field.default) for field in fields(self)}
+        return {key: value for key, (value, default) in pairs.items() if value != default}
 
     @property
     def orbit(self) -> Orbit | None:
         """Where it is if it is placed about a target."""
-        own = (self.target, self.azimuth, self.elevation, self.distance)
-        return None if any(one is None for one in own) else Orbit(*own)  # pyright: ignore
+        place = (self.target, self.azimuth, self.elevation, self.distance)
+        return None if any(one is None for one in place) else Orbit(*place)  # pyright: ignore
 
     @property
     def focus(self) -> np.ndarray:
@@ -162,12 +162,12 @@ def in_rows(cameras: Sequence[Camera], views: Mapping[str, View]) -> list[tuple[
     return rows
 
 
-def _are_eyes(one: Camera, other: Camera, views: Mapping[str, View]) -> bool:
+def _are_eyes(first: Camera, second: Camera, views: Mapping[str, View]) -> bool:
     """Whether the first is the left eye and the second the right one of a stereo camera.
 
     They look the same way from the same body, and the second stands straight to the right.
     """
-    left, right = views[one.view], views[other.view]
+    left, right = views[first.view], views[second.view]
     (here, turn), (there, same_turn) = pose_of(left), pose_of(right)
     way, across = there - here, _right_of(turn)
     alike = (left.body, left.fovy) == (right.body, right.fovy) and np.allclose(turn, same_turn)

@@ -28,7 +28,7 @@ _ROUNDED = {
     ),
     "keyframe/key": ("key_qpos", "key_ctrl", "key_mpos", "key_mquat"),
 }
-"""Elements, and the model's fields that their attributes (the word after ``_``) are rounded of."""
+"""Elements, and the model's fields that hold their attributes (the word after ``_``) in full."""
 
 
 def papers() -> dict[str, str]:

@@ -115,9 +115,9 @@ class Readings:
     def __init__(self, model: mujoco.MjModel, table: Mapping[str, Signal]):
         self._rows: dict[str, tuple[Signal, slice]] = {}
         for name, row in table.items():
-            own = [model.sensor(one) for one in sensors_of({name: row})]
-            if own:
-                at = slice(int(own[0].adr[0]), int(own[-1].adr[0] + own[-1].dim[0]))
+            sensors = [model.sensor(one) for one in sensors_of({name: row})]
+            if sensors:
+                at = slice(int(sensors[0].adr[0]), int(sensors[-1].adr[0] + sensors[-1].dim[0]))
                 self._rows[name] = row, at
 
     def __call__(self, sensordata: Tensor) -> dict[str, Tensor]:

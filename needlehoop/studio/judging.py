@@ -51,17 +51,17 @@ def visibility(settings: Settings) -> dict[str, dict[str, Shown]]:
 
     Things are the classes of flat renderings.
     """
-    own = replace(settings, num_envs=1, cams=(), disturb=Disturb())
-    simulation = build(own)
-    model, paint = simulation.engine.model, own.definition.paint
+    env = replace(settings, num_envs=1, cams=(), disturb=Disturb())
+    simulation = build(env)
+    model, paint = simulation.engine.model, env.definition.paint
     part = things(model, paint)
     # By geom id plus one; nothing hit is -1.
     thing_of, numbers = np.concatenate(([0], part)), range(1, len(paint) + 1)
-    asked = dict.fromkeys(own.views, Channels(False, False, True))
+    channels = dict.fromkeys(env.views, Channels(False, False, True))
     # Scene 0 is whole; in scene k there is nothing but thing k.
-    camera = CpuRasteriser(model, 1 + len(paint), asked, own.image_size, 1)
+    camera = CpuRasteriser(model, 1 + len(paint), channels, env.image_size, 1)
     counts: list[Any] = []
-    for _ in rollout(simulation, controller("expert", own)):
+    for _ in rollout(simulation, controller("expert", env)):
         data = simulation.engine.data(0)
         fields = {
             name: torch.tensor(getattr(data, name)).expand(1 + len(paint), -1, -1).clone()
@@ -72,7 +72,7 @@ def visibility(settings: Settings) -> dict[str, dict[str, Shown]]:
         frames: Any = camera.render(fields)
         labels = [thing_of[frame.geom.numpy() + 1] for frame in frames.values()]
         counts.append(
-            [[((own[0] == k).sum(), (own[k] == k).sum()) for k in numbers] for own in labels]
+            [[((label[0] == k).sum(), (label[k] == k).sum()) for k in numbers] for label in labels]
         )
     # By view and thing.
     pixels, alone = np.moveaxis(np.mean(counts, 0), -1, 0)
@@ -80,7 +80,7 @@ def visibility(settings: Settings) -> dict[str, dict[str, Shown]]:
         hidden = 1.0 - pixels / alone
     return {
         view: {thing: Shown(pixels[v, t], hidden[v, t]) for t, thing in enumerate(paint)}
-        for v, view in enumerate(asked)
+        for v, view in enumerate(channels)
     }
 
 
@@ -112,9 +112,9 @@ def probe_scores(
     sets = tuple((name,) for name in cams) + ((cams,) if len(cams) > 1 else ())
     values = composing.compose((), "probe")
     plain = replace(settings, cams=(), disturb=Disturb())
-    given = {**values, "env": plain, "camera_sets": sets, "seeds": 1, **changes}
-    given["heads"] = value(values, "algo", PpoConfig).network
-    plan = as_type(given, Plan)
+    plan_values = {**values, "env": plain, "camera_sets": sets, "seeds": 1, **changes}
+    plan_values["heads"] = value(values, "algo", PpoConfig).network
+    plan = as_type(plan_values, Plan)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         measuring.probe(plan, folder, lambda total, **_: nullcontext(_Bar(total, told)))
@@ -134,17 +134,17 @@ def ranking_question(
     """
     if len(cams) < 2:
         raise ValueError("cams: there is nothing to rank; show two views or more")
-    own = replace(settings, num_envs=1, cams=(), disturb=Disturb())
-    stands = {name: view.given for name, view in own.views.items()}
-    told = json.dumps([cams, stands, own.seed, str(own.task)], sort_keys=True)
+    env = replace(settings, num_envs=1, cams=(), disturb=Disturb())
+    stands = {name: view.given for name, view in env.views.items()}
+    told = json.dumps([cams, stands, env.seed, str(env.task)], sort_keys=True)
     study = f"studio_{hashlib.sha256(told.encode()).hexdigest()[:12]}"
     values = composing.compose((), "vlm_rank") | {"results": results, "study": study}
     config = as_type(values, InquiryConfig)
     lists = as_type({**values, "sets": (cams,), "group": max(5, len(cams))}, Lists)
     manual = ManualConfig("manual", "a person", wait=0.0, poll=0.05)
-    with Inquiry(own, config, manual) as inquiry:
+    with Inquiry(env, config, manual) as inquiry:
         try:
-            found = inquiry.rank(as_type(values, Questions), lists)
+            result = inquiry.rank(as_type(values, Questions), lists)
         except UnansweredError:
             return config.folder, []
-    return config.folder, [place["name"] for place in found["lists"][0]["rankings"][0]]
+    return config.folder, [place["name"] for place in result["lists"][0]["rankings"][0]]

@@ -41,7 +41,7 @@ class Page:
 
     def __init__(self, world: World, source: Source, host: str, port: int):
         self.world, self._source = world, source
-        self._own, self._judging = threading.local(), threading.Lock()
+        self._thread, self._judging = threading.local(), threading.Lock()
         self._is_closed = False
         settings = world.wish.settings
         self._focus = {name: view.focus for name, view in settings.views.items()}
@@ -100,18 +100,18 @@ class Page:
 
     @contextmanager
     def _silent(self) -> Iterator[None]:
-        """Handles may be set without being taken for clicked."""
-        self._own.silent = True
+        """Inside, setting a handle does not count as a click."""
+        self._thread.silent = True
         try:
             yield
         finally:
-            self._own.silent = False
+            self._thread.silent = False
 
     def _on(self, handle: Any, does: Callable[[], object]) -> Any:
         """Do something when a handle is used; a mistake is told in the tab that made it."""
 
         def used(event: viser.GuiEvent) -> None:
-            if getattr(self._own, "silent", False):
+            if getattr(self._thread, "silent", False):
                 return
             try:
                 does()
@@ -203,9 +203,9 @@ class Page:
         name, folder = self.name.value, self.folder.value
         path = placing.save(self._view, name, folder, self.overwrite.value)
         camera = f"cams={self.world.wish.rendering}_{name}"
-        said = " ".join(("python train.py", f"conf_dir={folder}", camera, *self._source.words))
-        self._saved.content = f"Written: `{path}`\n\n```\n{said}\n```"
-        print(f"{path}\n{said}", flush=True)
+        command = " ".join(("python train.py", f"conf_dir={folder}", camera, *self._source.words))
+        self._saved.content = f"Written: `{path}`\n\n```\n{command}\n```"
+        print(f"{path}\n{command}", flush=True)
 
     def _add_arm(self, gui: viser.GuiApi, settings: Settings) -> None:
         world = self.world
@@ -214,8 +214,8 @@ class Page:
         self.seed = gui.add_number("episode seed", settings.seed, min=0, step=1)
         self._on(self.seed, lambda: world.set(seed=int(self.seed.value)))
         has_arm = has_sliders(settings)
-        who = (*([BY_HAND] if has_arm else []), *world.players)
-        self.player = gui.add_dropdown("who acts", who, initial_value=world.wish.player)
+        names = (*([BY_HAND] if has_arm else []), *world.players)
+        self.player = gui.add_dropdown("who acts", names, initial_value=world.wish.player)
         self._on(self.player, lambda: world.want(player=self.player.value, hand=None))
         self.play = self._on(gui.add_button("Play"), lambda: world.play(not world.wish.ahead))
         self._on(gui.add_button("Step"), world.step)
@@ -262,11 +262,11 @@ class Page:
     def count_pixels(self) -> None:
         """Show pixels and share hidden of each thing, by view."""
         with self._judged() as (settings, _):
-            found = judging.visibility(settings)
+            counts = judging.visibility(settings)
         rows = [
             (view, thing, f"{n:.0f}", "–" if np.isnan(hidden) else f"{hidden:.0%}")
-            for view, own in found.items()
-            for thing, (n, hidden) in own.items()
+            for view, things in counts.items()
+            for thing, (n, hidden) in things.items()
         ]
         self.pixels.content = _table(("camera", "thing", "pixels", "hidden"), rows)
 

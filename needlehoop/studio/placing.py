@@ -47,11 +47,11 @@ def aimed(view: View, point: np.ndarray) -> View:
 
 
 def _standing(view: View, position: np.ndarray, forward: np.ndarray, up: np.ndarray) -> View:
-    given: dict[str, Any] = dict.fromkeys(("target", "azimuth", "elevation", "distance"))
+    pose: dict[str, Any] = dict.fromkeys(("target", "azimuth", "elevation", "distance"))
     for key, value in (("position", position), ("forward", forward), ("up", up)):
         # No -0.0 in a file.
-        given[key] = tuple((value.round(_DIGITS) + 0.0).tolist())
-    return replace(view, roll=0.0, **given)
+        pose[key] = tuple((value.round(_DIGITS) + 0.0).tolist())
+    return replace(view, roll=0.0, **pose)
 
 
 def save(view: View, name: str, folder: str, overwrite: bool) -> Path:
@@ -67,9 +67,9 @@ def save(view: View, name: str, folder: str, overwrite: bool) -> Path:
     check_folder("folder", folder)
     path = Path(folder) / "view" / f"{name}.yaml"
     check_free(path, overwrite, "name")
-    given = {k: list(v) if isinstance(v, tuple) else v for k, v in view.given.items()}
+    entries = {k: list(v) if isinstance(v, tuple) else v for k, v in view.given.items()}
     # Lists in one line each.
-    text = yaml.safe_dump(given, default_flow_style=None, sort_keys=False)
+    text = yaml.safe_dump(entries, default_flow_style=None, sort_keys=False)
     path.parent.mkdir(parents=True, exist_ok=True)
     head = "# Placed with needlehoop studio.\n# Lengths in m, angles in degrees: docs/cameras.md.\n"
     write_whole(path, head + text)

@@ -73,24 +73,24 @@ def players(
 
     Those of the run in a folder, or without one the task's shipped agent if it fits.
     """
-    found = {}
+    choices = {}
     for name in controllers(settings):
         # A script for another control mode is left out.
         with suppress(ValueError):
             controller(name, settings)
-            found[name] = Player(by_name(name))
+            choices[name] = Player(by_name(name))
     opened = Run.open(run or agent_of(settings.task.name), "run")
     job, _ = flown_job(opened.config(), (), trust)
     if run is None:
-        own = job.env
-        fits = own.task.name == settings.task.name
-        fits &= own.episode.control == settings.episode.control
-        fits &= {camera.view for camera in own.cameras} <= {*settings.views}
-        return found | ({SHIPPED: _policy(opened, job, "last", device)} if fits else {})
+        env = job.env
+        fits = env.task.name == settings.task.name
+        fits &= env.episode.control == settings.episode.control
+        fits &= {camera.view for camera in env.cameras} <= {*settings.views}
+        return choices | ({SHIPPED: _policy(opened, job, "last", device)} if fits else {})
     for which, file in POLICIES.items():
         if (run / file).exists() or (which == "last" and (run / CHECKPOINT).exists()):
-            found[f"{which} policy"] = _policy(opened, job, which, device)
-    return found
+            choices[f"{which} policy"] = _policy(opened, job, which, device)
+    return choices
 
 
 def _policy(run: Run, job: Job, which: str, device: torch.device) -> Player:

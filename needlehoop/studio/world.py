@@ -92,11 +92,11 @@ class World:
         size: int = 256,
     ):
         self.players, self.size = players, size
-        self.ladder = {f"{g}.{name}": row for g, own in levels.items() for name, row in own.items()}
+        self.ladder = {f"{g}.{key}": row for g, rows in levels.items() for key, row in rows.items()}
         """Amounts at severities 1, 2, … by axis."""
         self._lock = threading.Lock()
-        own = replace(settings, num_envs=1)
-        self.wish = Wish(own, rendering, player, next(iter(settings.views)))
+        env = replace(settings, num_envs=1)
+        self.wish = Wish(env, rendering, player, next(iter(settings.views)))
         """The last wish."""
         self._done: Wish | None = None
         self._sims: list[Simulation] = []
@@ -117,7 +117,7 @@ class World:
         self.set(views={**self.wish.settings.views, name: view})
 
     def disturb(self, axis: str, severity: int) -> None:
-        """Let one thing go wrong, from now on; at severity 0, or of no known axis, nothing."""
+        """Apply one disturbance from now on; severity 0 or an unknown axis: none."""
         row = (0.0, *self.ladder.get(axis, ()))
         amount = row[min(severity, len(row) - 1)]
         self.set(disturb=disturb_of({axis: amount} if amount else {}))
@@ -158,12 +158,12 @@ class World:
         """
         settings, player = wish.settings, self.players.get(wish.player)
         shown = replace(settings, cams=tuple(f"{wish.rendering}_{v}" for v in settings.views))
-        own = [shown, replace(shown, image_size=scaled_to(settings.image_size, self.size))]
-        own += [replace(settings, **player.sees)] if player and player.sees else []
+        envs = [shown, replace(shown, image_size=scaled_to(settings.image_size, self.size))]
+        envs += [replace(settings, **player.sees)] if player and player.sees else []
         goes_on = before is not None and wish.begun == before.begun
         old = self._sims[0].snapshot() if goes_on else {}
         old.pop("disturbance", None)
-        self._sims = [build(one) for one in own]
+        self._sims = [build(env) for env in envs]
         for simulation in self._sims:
             self._moment = simulation.reset()
             if goes_on:
@@ -189,7 +189,7 @@ class World:
         return replace(wish, ahead=ahead)
 
     def _is_over(self) -> bool:
-        """Whether the episode is. A person by hand may go on after its end."""
+        """Whether the episode is over. A person who moves the arm may go on after its end."""
         moment: StepResult | None = self._moment
         is_over = moment is not None and bool(moment.terminated | moment.truncated)
         return is_over and self.wish.player != BY_HAND
@@ -199,7 +199,7 @@ class World:
         data, kind = small.engine.data(0), wish.settings.renderings[wish.rendering]
         seen, pictures = [simulation.images() for simulation in (small, fine)], {}
         for camera in small.settings.cameras:
-            images = [one[camera.name][0].cpu().numpy() for one in seen]
+            images = [pixels[camera.name][0].cpu().numpy() for pixels in seen]
             shown = [np.asarray(scaled(image, kind, self.size)) for image in images]
             pictures[camera.view] = np.hstack(shown)
         facts = [name for name, fact in self._moment.facts.items() if bool(fact)]

@@ -26,14 +26,14 @@ T = TypeVar("T")
 
 
 def of_arm(name: str, values: Mapping[str, T]) -> dict[str, T]:
-    """Those of some values that an arm has, under the names that they have with a single arm."""
+    """An arm's share of the values, under the names that a single arm's have."""
     prefix = f"{name}_"
     return {key.removeprefix(prefix): one for key, one in values.items() if key.startswith(prefix)}
 
 
 def by_arm(arms: Mapping[str, Mapping[str, T]]) -> dict[str, T]:
     """The values of several arms, each under its arm's name."""
-    return {f"{name}_{key}": one for name, own in arms.items() for key, one in own.items()}
+    return {f"{name}_{key}": one for name, arm in arms.items() for key, one in arm.items()}
 
 
 def side_by_side(words: Mapping[str, str]) -> Robot:
@@ -65,15 +65,15 @@ def side_by_side(words: Mapping[str, str]) -> Robot:
         layout: Any, rules: Any, memory: Memory, action: Tensor
     ) -> tuple[dict[str, Tensor], Tensor]:
         moved, servos = {}, []
-        for name, own in zip(names, action.chunk(len(names), -1), strict=True):
+        for name, part in zip(names, action.chunk(len(names), -1), strict=True):
             arm = getattr(layout, name)
-            moved[name], control = psm.act(arm, rules, of_arm(name, memory), own)
+            moved[name], control = psm.act(arm, rules, of_arm(name, memory), part)
             servos.append(control)
         return by_arm(moved), torch.cat(servos, -1)
 
     def displaced(layout: Any, rules: Any, memory: Memory, offset: Tensor) -> Tensor:
         arms = [(getattr(layout, name), of_arm(name, memory)) for name in names]
-        return torch.cat([psm.displaced(arm, rules, own, offset) for arm, own in arms], -1)
+        return torch.cat([psm.displaced(arm, rules, state, offset) for arm, state in arms], -1)
 
     def table(things: Mapping[str, Signal], held: str | None) -> dict[str, Signal]:
         single = ROBOT.table({}, held)
@@ -108,8 +108,8 @@ def side_by_side(words: Mapping[str, str]) -> Robot:
         label=ROBOT.label,
         tool=ROBOT.tool,
         actions={
-            control: tuple(f"{name}_{one}" for name in names for one in own)
-            for control, own in ROBOT.actions.items()
+            control: tuple(f"{name}_{action}" for name in names for action in actions)
+            for control, actions in ROBOT.actions.items()
         },
     )
 

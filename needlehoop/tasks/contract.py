@@ -265,8 +265,8 @@ class Task:
     def columns(self) -> dict[str, str]:
         """The facts that a run's tables report of an episode's last step, by column."""
         cheat = {} if self.cheat is None else {"cheat": "cheat"}
-        own = {one.name: f"has_{one.name}" if one.once else one.name for one in self.facts}
-        return {"success": "success", **cheat, **own, DIVERGED: DIVERGED}
+        facts = {one.name: f"has_{one.name}" if one.once else one.name for one in self.facts}
+        return {"success": "success", **cheat, **facts, DIVERGED: DIVERGED}
 
     @property
     def all_facts(self) -> tuple[str, ...]:

@@ -239,11 +239,11 @@ def hold(
         position: of the welded body ``(n, 3)``, m.
         quat: of it ``(n, 4)``.
     """
-    one, two, command = readings["jaw_1_touch"], readings["jaw_2_touch"], memory["jaw"]
+    touch_1, touch_2, command = readings["jaw_1_touch"], readings["jaw_2_touch"], memory["jaw"]
     kept = memory["grasped"] & (command < rules.release_above)
     if rules.grasp == "friction":
-        kept = kept & (one | two)
-    stopped = one & two & (readings["jaw"] > command)
+        kept = kept & (touch_1 | touch_2)
+    stopped = touch_1 & touch_2 & (readings["jaw"] > command)
     caught = ~kept & stopped & (command < rules.close_below)
     # Points are many, and steps in which something may be grasped are few.
     if bool(caught.any()):

@@ -93,8 +93,8 @@ def add_folder(folder: Path) -> Task:
 
 def _entry(name: object) -> Any:
     """The entry point of an installed package's task, if there is one."""
-    found = () if name in built_in() else entry_points(group=TASKS, name=str(name))
-    return next(iter(found), None)
+    entries = () if name in built_in() else entry_points(group=TASKS, name=str(name))
+    return next(iter(entries), None)
 
 
 def _add_installed(entry: Any) -> Task:
@@ -116,5 +116,5 @@ def _add(task: object, place: Path, origin: str) -> Task:
 
 
 def _forget(module: str) -> None:
-    for name in [one for one in sys.modules if f"{one}.".startswith(f"{module}.")]:
+    for name in [key for key in sys.modules if f"{key}.".startswith(f"{module}.")]:
         del sys.modules[name]

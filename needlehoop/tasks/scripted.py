@@ -63,8 +63,8 @@ class Script:
 
     def jaw_to(self, shut: Tensor, s: Signals) -> Tensor:
         """The jaw's action ``(n,)``: shut where ``shut`` ``(n,)`` is true, else open."""
-        wanted = torch.where(shut, self.layout.jaw_closed, self.layout.tool_jaw)
-        return ((wanted - s.jaw_command) / self.episode.jaw).clamp(-1, 1)
+        target = torch.where(shut, self.layout.jaw_closed, self.layout.tool_jaw)
+        return ((target - s.jaw_command) / self.episode.jaw).clamp(-1, 1)
 
     def squeezed(self, move: Tensor, s: Signals) -> Tensor:
         """A move ``(n, 3)``, m; none until the jaws are told to be shut."""

@@ -51,7 +51,7 @@ def train(
     with (
         closing(Learner(job, state and state["learner"], weights)) as learner,
         tqdm(initial=learner.steps, **whole) as bar,
-        interruption() as asked,
+        interruption() as stop_request,
     ):
         began = time.perf_counter() - (state["wall_time"] if state else 0.0)
         for buffer, losses in learner:
@@ -83,7 +83,7 @@ def train(
                     write_weights(path, job.spec, actor, run.config(), job.weights, evaluation)
 
             paused = until is not None and until <= learner.steps and update < job.updates
-            stopping = asked.is_set() or paused
+            stopping = stop_request.is_set() or paused
             if stopping or update % job.checkpoint_every == 0 or update == job.updates:
                 wall = time.perf_counter() - began
                 run.save({"learner": learner.state_dict(), "update": update, "wall_time": wall})
@@ -92,7 +92,7 @@ def train(
                 break
     if learner.done_updates == job.updates:
         return "done"
-    return "stopped" if asked.is_set() else "paused"
+    return "stopped" if stop_request.is_set() else "paused"
 
 
 def _episode_columns(buffer: TensorDictBase, facts: Mapping[str, str]) -> dict[str, float]:
@@ -119,21 +119,21 @@ def _is_best(run: Run) -> bool:
 
 def finish(job: Job, run: Run, logger: Logger) -> None:
     """Evaluate the trained agent at length, film it, and print the results."""
-    # Whatever the training had, so that the evaluation's bits do not depend on it.
+    # Always one, so that the evaluation's bits do not depend on the training's threads.
     torch.set_num_threads(1)
     agent = load_agent(run, job, job.torch_device)
     write_weights(run.folder / POLICY, job.spec, agent.actor, run.config(), job.weights)
-    own = job.evaluation
-    films = f", then a film of {own.video_episodes}" if own.video_episodes else ""
-    print(f"\nevaluating {own.final_episodes} episodes{films}", flush=True)
-    found = assess(agent, job, own.final_episodes, own.final_seed)
-    found = {"steps_trained": run.manifest().get("steps"), "policy": "last", **found}
-    run.write(EVALUATION, json.dumps(found, indent=2) + "\n")
-    if own.video_episodes:
-        film(job.env, agent, own.video_episodes, own.final_seed, run.vacate(VIDEO))
+    settings = job.evaluation
+    films = f", then a film of {settings.video_episodes}" if settings.video_episodes else ""
+    print(f"\nevaluating {settings.final_episodes} episodes{films}", flush=True)
+    evaluation = assess(agent, job, settings.final_episodes, settings.final_seed)
+    evaluation = {"steps_trained": run.manifest().get("steps"), "policy": "last", **evaluation}
+    run.write(EVALUATION, json.dumps(evaluation, indent=2) + "\n")
+    if settings.video_episodes:
+        film(job.env, agent, settings.video_episodes, settings.final_seed, run.vacate(VIDEO))
         logger.video(run.folder / VIDEO)
     run.note(finished=True)
-    print(f"{report(job.env.definition, found)}\nrun          {run.folder}")
+    print(f"{report(job.env.definition, evaluation)}\nrun          {run.folder}")
 
 
 def start(values: dict[str, Any], overrides: list[str], command: str) -> tuple[str, float]:

@@ -69,9 +69,9 @@ class Session:
 
 
 def checked(values: Mapping[str, Any]) -> tuple[Options, Job]:
-    """A composed config as what it says of a new run; a missing program is no mistake yet.
+    """A composed config as a new run's options and job; a program may still be missing.
 
-    The job has another reward where a model's program is meant.
+    A job whose reward is a model's program has no reward yet.
     """
     options = strict.as_type(values, Options)
     inquiry(values)
@@ -93,8 +93,8 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
         RewardError: no model wrote a reward.
     """
     if values["resume"] is not None:
-        asked = strict.as_type(values, Options)
-        run = Run.open(Path(str(asked.resume)), "resume")
+        options = strict.as_type(values, Options)
+        run = Run.open(Path(str(options.resume)), "resume")
         with_agent = f"begin a run with its agent: init={run.folder} label=more"
         if run.manifest().get("finished") is True:
             raise ValueError(
@@ -102,18 +102,18 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
                 f" {with_agent}"
             )
         beside = ("resume=", "trust=", "conf_dir=")
-        if others := [word for word in overrides if not word.startswith(beside)]:
+        if typed := [word for word in overrides if not word.startswith(beside)]:
             raise ValueError(
-                f"resume: a run goes on with its own settings, without {others[0]}; or {with_agent}"
+                f"resume: a run goes on with its own settings, without {typed[0]}; or {with_agent}"
             )
-        yield from _continued(run, asked.trust)
+        yield from _continued(run, options.trust)
         return
-    asked, job = checked(values)
+    options, job = checked(values)
     ask_where_missing(values, job.env)
     reward = rewards.with_source(values["reward"])
     job = replace(job, env=replace(job.env, reward=rewards.with_function(reward)))
     folder = Path(job.results) / job.place
-    if asked.existing == "resume" and (folder / CONFIG).exists() and not asked.overwrite:
+    if options.existing == "resume" and (folder / CONFIG).exists() and not options.overwrite:
         run = Run.open(folder)
         _check_same(run, job)
         # Its reward is the one that was typed, source included.
@@ -121,15 +121,15 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
         return
     weights = initial_weights(job)
     loaded = rewards.load(job.env.reward, job.env.definition)
-    if against := objections(loaded, job.env, asked.gates):
+    if against := objections(loaded, job.env, options.gates):
         # A warning, no refusal: programs of others are tried as they are.
         print(f"reward: the gates on this program: {'; '.join(against)}", file=sys.stderr)
     with held(folder):
         run = Run.create(
-            folder, {**values, "reward": reward}, rewards.text(loaded), asked.overwrite
+            folder, {**values, "reward": reward}, rewards.text(loaded), options.overwrite
         )
         try:
-            # Not sys.argv: a sweep's is that of all its runs, and a launcher's process has another.
+            # Not sys.argv: a sweep's names all its runs, and a launcher's process has another.
             words = [*command.removeprefix("python ").split(), *overrides]
             run.note(task=task_note(job.env.definition), command=words, gates=against)
             yield Session(job, run, weights=weights)
@@ -164,36 +164,36 @@ def initial_weights(job: Job) -> dict[str, Any] | None:
     if job.init is None:
         return None
     run = Run.open(Path(job.init), "init")
-    theirs = checked_job(run.config())
+    source_job = checked_job(run.config())
     # The order of cameras and which facts are told count as well.
     for key in ("cams", "obs"):
-        own, other = getattr(theirs.env, key), getattr(job.env, key)
-        if own != other:
-            raise ValueError(f"init: {run.folder} has {key}={own}; this run has {other}")
-    # Their weights replace the first deviation.
+        before, now = getattr(source_job.env, key), getattr(job.env, key)
+        if before != now:
+            raise ValueError(f"init: {run.folder} has {key}={before}; this run has {now}")
+    # The loaded weights replace the first deviation.
     have, want = (
         replace(one.spec, precision="", network=replace(one.spec.network, sigma=1.0))
-        for one in (theirs, job)
+        for one in (source_job, job)
     )
     check_same(have, want, f"init: {run.folder}")
     which, _ = which_policy(run, None)
-    return load_agent(run, theirs, torch.device("cpu"), which).state_dict()
+    return load_agent(run, source_job, torch.device("cpu"), which).state_dict()
 
 
 def inquiry(values: Mapping[str, Any]) -> tuple[InquiryConfig, Any]:
     """How a reward would be asked for, and which model; ``ValueError`` names a wrong key."""
     asking = strict.value(values, "asking", Mapping[str, Any])
     where = {name: values[name] for name in ("results", "study")}
-    asked = strict.as_type({**where, **asking, "overwrite": False}, InquiryConfig)
-    return asked, provider_config(values["vlm"])
+    config = strict.as_type({**where, **asking, "overwrite": False}, InquiryConfig)
+    return config, provider_config(values["vlm"])
 
 
 def provider_config(values: Any) -> Any:
     """The settings of who answers, from the group ``vlm``; errors as in ``inquiry``."""
-    given = strict.structure(values, Mapping[str, Any], "vlm")
-    kind: Any = given.get("kind")
+    settings = strict.structure(values, Mapping[str, Any], "vlm")
+    kind: Any = settings.get("kind")
     check_names("vlm.kind", [kind], tuple(KINDS))
-    return strict.structure(given, KINDS[kind], "vlm")
+    return strict.structure(settings, KINDS[kind], "vlm")
 
 
 def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
@@ -205,9 +205,9 @@ def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
     reward: Mapping[str, Any] = values["reward"]
     if values["vlm"]["kind"] == "replay" or program_reward.is_recorded(reward):
         return
-    asked, provider = inquiry(values)
+    config, provider = inquiry(values)
     try:
-        with Inquiry(settings, asked, provider) as opened:
+        with Inquiry(settings, config, provider) as opened:
             flavour, sample = program_reward.FLAVOURS[reward["kind"]], reward["sample"]
             paths = opened.reward(flavour, rules_of(values), sample)
     except RuntimeError as error:
@@ -219,8 +219,8 @@ def objections(reward: rewards.Reward, settings: Settings, gates: Gates) -> list
     """What the gates say against a training's reward; nothing where it is no program."""
     if not isinstance(reward, program_reward.ProgramReward):
         return []
-    found = gate_report(reward.program, settings, gates)
-    return [*(f"refused, {one}" for one in found.reasons), *found.flags]
+    report = gate_report(reward.program, settings, gates)
+    return [*(f"refused, {reason}" for reason in report.reasons), *report.flags]
 
 
 def rules_of(values: Mapping[str, Any]) -> ProgramRules:
@@ -242,12 +242,12 @@ def task_note(task: Task) -> dict[str, Any]:
 def _check_same(run: Run, job: Job) -> None:
     """Raises ``ValueError`` if a run that exists has other settings than those asked for.
 
-    A key that its config lacks is one that came later: the run has its default.
+    A key that its config lacks was added later: the run has the default.
     """
     before, now = (_deciding(one) for one in (checked_job(run.config()), job))
-    if others := sorted(key for key in now if before[key] != now[key]):
+    if keys := sorted(key for key in now if before[key] != now[key]):
         raise ValueError(
-            f"{run.folder} exists with another {', '.join(others)}; choose another label= or"
+            f"{run.folder} exists with another {', '.join(keys)}; choose another label= or"
             " study=, or replace it with overwrite=true, which keeps it under a number"
         )
 
@@ -255,11 +255,11 @@ def _check_same(run: Run, job: Job) -> None:
 def _deciding(job: Job) -> dict[str, Any]:
     """The settings that decide a job's results, by key."""
     env = job.env
-    found = {
+    settings = {
         key: one for key, one in {**vars(job), **vars(env)}.items() if key not in _OF_NO_CONSEQUENCE
     }
     return {
-        **found,
+        **settings,
         # The engine's kind and threads give the same bits.
         "engine.renderer": env.engine.renderer,
         # An amount that is left out is none.

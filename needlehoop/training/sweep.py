@@ -36,7 +36,7 @@ _CHOICE_IN_PATH = {"algo": ("ppo", "dagger"), "obs": ("images", "signals")}
 
 STOPPED, FAILED, HELD = "stopped", "failed", "under way elsewhere"
 UNDER_WAY = "under way"
-"""What a note says until its run has ended: for good, where the process was killed."""
+"""What a note says until its run has ended, or for ever if the process was killed."""
 
 
 def direction(words: Sequence[str]) -> list[str]:
@@ -51,7 +51,7 @@ class Sweep(Callback):
     def on_multirun_start(self, config: Any, **kwargs: Any) -> None:
         """Ends the process where a run's settings are wrong, or its reward cannot be had."""
         sweeper, typed = config.hydra.sweeper, config.hydra.overrides.task
-        # Another sweeper decides later what it runs.
+        # Other sweepers choose their runs later.
         if not sweeper._target_.endswith(".BasicSweeper"):
             return
         words = [*(f"{key}={value}" for key, value in (sweeper.params or {}).items()), *typed]
@@ -69,9 +69,9 @@ class Sweep(Callback):
         lines, undone = summary(folder)
         print("\n".join(lines))
         # What Optuna's sweeper writes: the best settings.
-        found = folder / "optimization_results.yaml"
-        if found.exists():
-            print(f"{found}:\n{found.read_text()}", end="")
+        file = folder / "optimization_results.yaml"
+        if file.exists():
+            print(f"{file}:\n{file.read_text()}", end="")
         if undone:
             sys.exit("the same command, without overwrite=true, does what is missing")
 
@@ -82,9 +82,9 @@ def combinations(words: Iterable[str]) -> list[list[str]]:
     A later word replaces an earlier one of the same key.
     """
     choices = {}
-    for one in OverridesParser.create().parse_overrides(list(words)):
-        key, is_swept = one.get_key_element(), one.is_sweep_override()
-        values = one.sweep_string_iterator() if is_swept else [one.get_value_element_as_str()]
+    for word in OverridesParser.create().parse_overrides(list(words)):
+        key, is_swept = word.get_key_element(), word.is_sweep_override()
+        values = word.sweep_string_iterator() if is_swept else [word.get_value_element_as_str()]
         choices[key] = [f"{key}={value}" for value in values]
     choices.pop("seed", None)
     return [list(run) for run in product(*choices.values())]
@@ -109,8 +109,8 @@ def check_run(words: list[str]) -> None:
 def camera_sets(experiment: str) -> list[str]:
     """The camera sets over which an experiment sweeps, in the order of their names: ``a+b``."""
     params = composing.swept([f"+experiment={experiment}"])
-    (one,) = OverridesParser.create().parse_overrides([f"cams={params.get('cams', '[]')}"])
-    values: list[Any] = [*one.sweep_iterator()] if one.is_sweep_override() else [one.value()]
+    (cams,) = OverridesParser.create().parse_overrides([f"cams={params.get('cams', '[]')}"])
+    values: list[Any] = [*cams.sweep_iterator()] if cams.is_sweep_override() else [cams.value()]
     return sorted({seen([value] if isinstance(value, str) else value) for value in values})
 
 
@@ -126,23 +126,23 @@ def identity(values: Mapping[str, Any], overrides: list[str]) -> dict[str, Any]:
 
 
 def label_of(
-    values: Mapping[str, Any], typed: Iterable[str], params: Mapping[str, Any], own: Iterable[str]
+    values: Mapping[str, Any], typed: Iterable[str], params: Mapping[str, Any], words: Iterable[str]
 ) -> str | None:
     """What tells a sweep's run from the others, where cameras, reward and seed do not.
 
-    The words that the run was composed of are its ``own``; an experiment's sweeper adds ``params``
-    to those of the command line.
+    ``words``: those that the run was composed of. An experiment's sweeper adds ``params`` to the
+    ``typed`` ones of the command line.
     """
     parse = OverridesParser.create().parse_overrides
     swept = {
-        one.get_key_element()
-        for one in parse([*(f"{key}={value}" for key, value in params.items()), *typed])
-        if one.is_sweep_override()
+        override.get_key_element()
+        for override in parse([*(f"{key}={value}" for key, value in params.items()), *typed])
+        if override.is_sweep_override()
     }
     differs = [
-        (one.key_or_group, one.get_value_element_as_str())
-        for one in parse([*own])
-        if one.get_key_element() in swept and not _is_in_path(values, one)
+        (override.key_or_group, override.get_value_element_as_str())
+        for override in parse([*words])
+        if override.get_key_element() in swept and not _is_in_path(values, override)
     ]
     return "+".join(filter(None, (values["label"], name_of(differs)))) or None
 
@@ -177,9 +177,9 @@ def attempt(run: Callable[[], tuple[str, float]], folder: Path, note: Mapping[st
         # Any error: the next run may do better, and the summary names this one.
         log = folder / "error.log"
         write_whole(log, traceback.format_exc())
-        said = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        print(printable(f"{note['run']}: {said} ({log})"), file=sys.stderr)
-        say(outcome=FAILED, error=said)
+        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        print(printable(f"{note['run']}: {reason} ({log})"), file=sys.stderr)
+        say(outcome=FAILED, error=reason)
         return math.nan
     say(outcome=outcome)
     if outcome == STOPPED:
@@ -204,11 +204,11 @@ def summary(folder: Path) -> tuple[list[str], int]:
         if note["outcome"] in (FAILED, UNDER_WAY):
             lines.append(printable(f"  {note['run']}: {note.get('error', 'it was killed')}"))
     failed = outcomes[FAILED] + outcomes[UNDER_WAY]
-    said = f"{outcomes.total()} runs, {failed} failed"
+    headline = f"{outcomes.total()} runs, {failed} failed"
     for other in ("done before", "paused", HELD):
         if outcomes[other]:
-            said += f", {outcomes[other]} {other}"
-    return [said, *lines], failed + outcomes[HELD]
+            headline += f", {outcomes[other]} {other}"
+    return [headline, *lines], failed + outcomes[HELD]
 
 
 def threads(launcher: Mapping[str, Any]) -> int:
@@ -216,9 +216,9 @@ def threads(launcher: Mapping[str, Any]) -> int:
     cpus = available_cpus()
     if "n_jobs" in launcher:
         # joblib: -1 is one job per CPU, -2 one fewer, and so on.
-        asked = launcher["n_jobs"]
-        return max(1, cpus // (asked if asked > 0 else max(1, cpus + 1 + asked)))
+        jobs = launcher["n_jobs"]
+        return max(1, cpus // (jobs if jobs > 0 else max(1, cpus + 1 + jobs)))
     if launcher.get("cpus_per_task"):
         return int(launcher["cpus_per_task"])
-    own = ((launcher.get("ray") or {}).get("remote") or {}).get("num_cpus")
-    return max(1, int(own)) if own else 0
+    share = ((launcher.get("ray") or {}).get("remote") or {}).get("num_cpus")
+    return max(1, int(share)) if share else 0

@@ -57,8 +57,8 @@ class Album:
     def show_seen(self, cameras: Sequence[str]) -> list[Part]:
         """Two stages at the agent's own resolution, enlarged."""
         (width, height), two = sides(self.pixels), ", ".join(_seen([*self.stages]))
-        said = f"as the agent sees it, {width} x {height} pixels (enlarged), {two}:"
-        return [part for camera in cameras for part in (f"{camera} {said}", self.seen[camera])]
+        caption = f"as the agent sees it, {width} x {height} pixels (enlarged), {two}:"
+        return [part for camera in cameras for part in (f"{camera} {caption}", self.seen[camera])]
 
 
 def _seen(stages: Sequence[str]) -> tuple[str, str]:
@@ -108,18 +108,18 @@ def _take(settings: Settings, size: int) -> dict[str, dict[str, Png]]:
     kinds = {camera.name: settings.renderings[camera.rendering] for camera in alone.cameras}
     shown = [*description.stages_of(settings.definition)]
     large = replace(alone, image_size=scaled_to(settings.image_size, size))
-    taken, own = stages(large, *shown), stages(alone, *_seen(shown))
+    taken, seen = stages(large, *shown), stages(alone, *_seen(shown))
     # Each pixel is repeated, to come as near as possible to the other pictures' size.
     times = max(1, round(size / max(sides(settings.image_size))))
-    found: dict[str, dict[str, Png]] = {stage: {} for stage in (*shown, _SEEN)}
+    pictures: dict[str, dict[str, Png]] = {stage: {} for stage in (*shown, _SEEN)}
     for name in cameras:
         for stage in shown:
             picture = all_channels(taken[stage][name], kinds[name])
-            found[stage][name] = Png.of(Image.fromarray(picture))
-        small = (own[stage][name].repeat(times, 1).repeat(times, 2) for stage in _seen(shown))
+            pictures[stage][name] = Png.of(Image.fromarray(picture))
+        small = (seen[stage][name].repeat(times, 1).repeat(times, 2) for stage in _seen(shown))
         pair = _side_by_side(*(all_channels(image, kinds[name]) for image in small))
-        found[_SEEN][name] = Png.of(Image.fromarray(pair))
-    return found
+        pictures[_SEEN][name] = Png.of(Image.fromarray(pair))
+    return pictures
 
 
 def all_channels(image: np.ndarray, rendering: Rendering) -> np.ndarray:

@@ -96,11 +96,11 @@ class ReplayConfig:
     recording: str | None
     told: PromptDetail = "full"
 
-    def folder(self, own: Path) -> Path:
-        """The folder of the answers; ``own`` is the study's."""
+    def folder(self, study: Path) -> Path:
+        """The folder of the answers; ``study`` is the study's own."""
         shipped = transcripts()
         if self.recording is None:
-            return own if (own / TRANSCRIPT).exists() else shipped["claude"]
+            return study if (study / TRANSCRIPT).exists() else shipped["claude"]
         return shipped.get(self.recording, Path(self.recording))
 
 

@@ -39,7 +39,7 @@ class Conversation:
         self._record, self._attempts, self.name = record, attempts, name
         self._messages: tuple[Message, ...] = ()
         self.attempts: list[tuple[Exchange, BaseModel | None, Verdict]] = []
-        """All answers so far, each in its form or ``None`` for a wrong one, and what was found."""
+        """All answers so far: exchange, parsed answer (``None``: not of the form), verdict."""
 
     def ask(
         self,
@@ -86,34 +86,34 @@ def totals_of(exchanges: Iterable[Exchange]) -> dict[str, dict[str, int]]:
     A request without a reply is not a prompt. An answer is invalid if it was cut off, refused,
     empty or sent back. The last attempt at a question is never sent back, so it counts as valid.
     """
-    asked = [e for e in exchanges if e.outcome != "failed"]
+    prompts = [e for e in exchanges if e.outcome != "failed"]
     sent_back = [
         before
-        for *before, last in (e.request["messages"] for e in asked)
+        for *before, last in (e.request["messages"] for e in prompts)
         if last["parts"][0].get("text", "").startswith(_SENT_BACK)
     ]
 
     def is_invalid(exchange: Exchange) -> bool:
         answer = {"role": "assistant", "parts": [{"text": exchange.answer}]}
-        said = [*exchange.request["messages"], answer]
-        return exchange.outcome != "answered" or said in sent_back
+        turns = [*exchange.request["messages"], answer]
+        return exchange.outcome != "answered" or turns in sent_back
 
-    names = dict.fromkeys(e.conversation for e in asked)
-    chosen = {name: [e for e in asked if e.conversation == name] for name in names}
+    names = dict.fromkeys(e.conversation for e in prompts)
+    chosen = {name: [e for e in prompts if e.conversation == name] for name in names}
     return {
         name: {
-            "prompts": len(own),
-            "tokens_in": sum(e.tokens_in or 0 for e in own),
-            "tokens_out": sum(e.tokens_out or 0 for e in own),
-            "prompts_without_token_count": sum(None in (e.tokens_in, e.tokens_out) for e in own),
-            "invalid_answers": sum(map(is_invalid, own)),
+            "prompts": len(group),
+            "tokens_in": sum(e.tokens_in or 0 for e in group),
+            "tokens_out": sum(e.tokens_out or 0 for e in group),
+            "prompts_without_token_count": sum(None in (e.tokens_in, e.tokens_out) for e in group),
+            "invalid_answers": sum(map(is_invalid, group)),
         }
-        for name, own in {**chosen, "all": asked}.items()
+        for name, group in {**chosen, "all": prompts}.items()
     }
 
 
-def in_words(found: Mapping[str, int]) -> str:
-    prompts, into, out, unknown, invalid = found.values()
+def in_words(totals: Mapping[str, int]) -> str:
+    prompts, into, out, unknown, invalid = totals.values()
     unknown = f"; {unknown} prompts not counted" if unknown else ""
     return (
         f"{prompts} prompts, {into + out} tokens ({into} in, {out} out{unknown}),"
@@ -215,10 +215,10 @@ def ranking(names: Sequence[str]) -> type[Form]:
     )
 
     def check(places: list[Any]) -> list[Any]:
-        given = [entry.name for entry in places]
-        if sorted(given) != sorted(names):
-            missing = [name for name in names if name not in given]
-            twice = sorted({name for name in given if given.count(name) > 1})
+        order = [entry.name for entry in places]
+        if sorted(order) != sorted(names):
+            missing = [name for name in names if name not in order]
+            twice = sorted({name for name in order if order.count(name) > 1})
             raise ValueError(
                 "the ranking must name each entry of the list once;"
                 f" missing: {', '.join(missing) or 'none'};"
@@ -227,7 +227,7 @@ def ranking(names: Sequence[str]) -> type[Form]:
         return places
 
     def check_sure(sure: list[float]) -> list[float]:
-        if len(sure) != len(names) - 1 or not all(0.5 <= one <= 1 for one in sure):
+        if len(sure) != len(names) - 1 or not all(0.5 <= value <= 1 for value in sure):
             raise ValueError(f"it must be {len(names) - 1} numbers from 0.5 to 1; got {sure}")
         return sure
 

@@ -37,23 +37,23 @@ def telling_of(task: Task) -> Telling:
 
 def fill(name: str, task: Task | None = None, /, **values: object) -> str:
     """The prompt ``<name>.txt``, general or a task's own, with its ``$gaps`` filled."""
-    found = _read(_GENERAL) if task is None else texts(task)
-    return Template(found[name]).substitute(values).strip()
+    prompts = _read(_GENERAL) if task is None else texts(task)
+    return Template(prompts[name]).substitute(values).strip()
 
 
 def texts(task: Task) -> dict[str, str]:
     """All prompts for a task by name, with ``$gaps``: the general ones, and its own.
 
-    ``ValueError``: a text of the task is missing, or is of no moment.
+    ``ValueError``: a text of the task is missing, or belongs to no moment.
     """
     telling = telling_of(task)
-    own = _read(telling.texts)
-    if odd := sorted((_INTO - {*own}) | ({*own} - _INTO - {*telling.moments})):
+    task_texts = _read(telling.texts)
+    if odd := sorted((_INTO - {*task_texts}) | ({*task_texts} - _INTO - {*telling.moments})):
         raise ValueError(f"{telling.texts}: {odd[0]}.txt is missing or not asked for")
-    words = {f"task_{name}": own.pop(name).strip() for name in _INTO}
+    words = {f"task_{name}": task_texts.pop(name).strip() for name in _INTO}
     words |= {"goal": telling.goal, "done": telling.done}
     general = _read(_GENERAL).items()
-    return {name: Template(text).safe_substitute(words) for name, text in general} | own
+    return {name: Template(text).safe_substitute(words) for name, text in general} | task_texts
 
 
 def _read(folder: Path) -> dict[str, str]:
@@ -61,13 +61,13 @@ def _read(folder: Path) -> dict[str, str]:
 
 
 def questioned(task: Task) -> dict[str, str]:
-    """The moments that have a question of their own (what shows them best); what is so then."""
-    own = texts(task)
-    return {fact: so for fact, so in telling_of(task).moments.items() if fact in own}
+    """What is true at each moment that has a question of its own: what shows it best."""
+    prompts = texts(task)
+    return {fact: so for fact, so in telling_of(task).moments.items() if fact in prompts}
 
 
 def stages_of(task: Task) -> dict[str, str]:
-    """The stages of an episode that are pictured, in order, and what is so in each."""
+    """The stages of an episode that are pictured, in order, and what is true in each."""
     telling = telling_of(task)
     return {"start": "an episode begins", **telling.moments, "goal": telling.goal}
 
@@ -88,17 +88,17 @@ def scene(settings: Settings, prompt_detail: str = "full") -> str:
 
 def stages(settings: Settings, prompt_detail: str = "full") -> str:
     """The stages that pictures show, by the names that the pictures give them."""
-    own = stages_of(settings.definition)
+    meanings = stages_of(settings.definition)
     if prompt_detail != "full":
-        said = ["an episode begins", *["on the way"] * (len(own) - 2), "the task is done"]
-        own = dict(zip(stage_names(settings, prompt_detail), said, strict=True))
-    return fill("stages", stages=bullets(own))
+        phrases = ["an episode begins", *["on the way"] * (len(meanings) - 2), "the task is done"]
+        meanings = dict(zip(stage_names(settings, prompt_detail), phrases, strict=True))
+    return fill("stages", stages=bullets(meanings))
 
 
 def stage_names(settings: Settings, prompt_detail: str = "full") -> list[str]:
     """Names of the stages in their order: they say nothing of the task unless all is told."""
-    own = [*stages_of(settings.definition)]
-    return own if prompt_detail == "full" else [f"stage {n}" for n in range(1, len(own) + 1)]
+    names = [*stages_of(settings.definition)]
+    return names if prompt_detail == "full" else [f"stage {n}" for n in range(1, len(names) + 1)]
 
 
 def unexplained(settings: Settings) -> str:
@@ -132,7 +132,7 @@ def cameras(settings: Settings, renderings: Sequence[str]) -> str:
     told = {name: rendering(kinds[name], telling, views) for name in renderings}
     return fill(
         "cameras",
-        views=bullets({name: view(own, task, size) for name, own in views.items()}),
+        views=bullets({name: view(camera, task, size) for name, camera in views.items()}),
         renderings=bullets(told),
         example=f"{renderings[0]}_{next(iter(views))}",
         pixels=extent(size),
@@ -199,7 +199,7 @@ def rendering(rendering: Rendering, telling: Telling, views: Mapping[str, View])
         "flat": f"one flat colour for each kind of thing (RGB: {classes}), all else black",
         "none": "",
     }[rendering.colour]
-    remarks = (said for name, said in telling.painted.items() if name in rendering.colours)
+    remarks = (remark for name, remark in telling.painted.items() if name in rendering.colours)
     colours = "; ".join((colours, *remarks))
     if rendering.depth == "none":
         return colours

@@ -112,9 +112,9 @@ def gate_report(
     def gained(before: Signals, after: Signals) -> Tensor:
         return value(after) - value(before)
 
-    finals = {who: float(value(at).mean()) for who, at in seen.last.items()}
+    finals = {name: float(value(at).mean()) for name, at in seen.last.items()}
     paid = gained(seen.before, seen.after).abs() >= gates.paid_by
-    found = GateReport(
+    report = GateReport(
         terms=program.terms,
         not_finite_random=random_bad,
         not_finite_recorded=bad,
@@ -131,39 +131,39 @@ def gate_report(
         stopped={how: float(gained(*ends).mean()) for how, ends in seen.stopped.items()},
         gates=gates,
     )
-    reasons, flags = _judge(found, settings.definition.cheating)
-    return replace(found, reasons=tuple(reasons), flags=tuple(flags))
+    reasons, flags = _judge(report, settings.definition.cheating)
+    return replace(report, reasons=tuple(reasons), flags=tuple(flags))
 
 
-def _judge(found: GateReport, cheating: str) -> tuple[list[str], list[str]]:
+def _judge(report: GateReport, cheating: str) -> tuple[list[str], list[str]]:
     """Why a program is refused, and what is flagged. "not >=" holds for NaN too."""
-    g, reasons, flags = found.gates, [], []
-    if bad := found.not_finite_random:
-        reasons.append(f"not finite on {bad} of {found.random_signals} random signals")
-    if bad := found.not_finite_recorded:
-        reasons.append(f"not finite on {bad} of {found.recorded_moments} recorded moments")
+    g, reasons, flags = report.gates, [], []
+    if bad := report.not_finite_random:
+        reasons.append(f"not finite on {bad} of {report.random_signals} random signals")
+    if bad := report.not_finite_recorded:
+        reasons.append(f"not finite on {bad} of {report.recorded_moments} recorded moments")
     if g.range == "refuse":
-        if not found.lowest >= g.low - g.tolerance:
-            reasons.append(f"falls to {found.lowest:.3f}; the least allowed is {g.low:g}")
-        if not found.highest <= g.top + g.tolerance:
+        if not report.lowest >= g.low - g.tolerance:
+            reasons.append(f"falls to {report.lowest:.3f}; the least allowed is {g.low:g}")
+        if not report.highest <= g.top + g.tolerance:
             most = f"{g.high:g} and a bonus of {g.bonus:g}"
-            reasons.append(f"rises to {found.highest:.3f}; the most allowed is {most}")
-    above = found.expert - found.random
+            reasons.append(f"rises to {report.highest:.3f}; the most allowed is {most}")
+    above = report.expert - report.random
     if not above >= g.margin:
         least = f"at least {g.margin:g} is asked"
         reasons.append(f"the expert ends {above:.3f} above a random policy; {least}")
-    below = g.audit_margin if found.cheat is None else found.expert - found.cheat
+    below = g.audit_margin if report.cheat is None else report.expert - report.cheat
     if not below >= g.audit_margin:
-        said = f"{cheating} ends {below:.3f} below the expert; at least {g.audit_margin:g} is asked"
-        (reasons if g.audit == "refuse" else flags).append(said)
-    for how, below in found.stopped.items():
+        note = f"{cheating} ends {below:.3f} below the expert; at least {g.audit_margin:g} is asked"
+        (reasons if g.audit == "refuse" else flags).append(note)
+    for how, below in report.stopped.items():
         if not below >= g.stop_margin - g.tolerance:
             far = f"{-below:.3f} above" if below < 0 else f"only {below:.3f} below"
-            said = f"the teacher {how} ends {far} finishing the task"
-            (reasons if g.stop == "refuse" else flags).append(said)
-    if not found.paid >= g.paid:
+            note = f"the teacher {how} ends {far} finishing the task"
+            (reasons if g.stop == "refuse" else flags).append(note)
+    if not report.paid >= g.paid:
         flags.append(
-            f"{100 * found.paid:.2f} % of random steps are paid; at least {100 * g.paid:g} % is"
+            f"{100 * report.paid:.2f} % of random steps are paid; at least {100 * g.paid:g} % is"
             " asked: what is hardly ever paid is hardly ever learnt"
         )
     return reasons, flags

@@ -53,41 +53,41 @@ class Inquiry(AbstractContextManager):
     def __exit__(self, *_: object) -> None:
         if self.folder.exists():
             # Also after a failure, because that cost something too.
-            found = totals_of(self.record.exchanges)
-            rows = [(name, *row.values()) for name, row in found.items()]
-            write_whole(self.folder / "totals.csv", csv_text(("conversation", *found["all"]), rows))
+            costs = totals_of(self.record.exchanges)
+            rows = [(name, *row.values()) for name, row in costs.items()]
+            write_whole(self.folder / "totals.csv", csv_text(("conversation", *costs["all"]), rows))
 
-    def question(self, asked: Questions) -> dict[str, Any]:
+    def question(self, topics: Questions) -> dict[str, Any]:
         """Ask the questions on cameras, into ``questions.json`` and ``.csv``."""
         if self._detail != "full":
             raise ValueError(
                 f"vlm.told: {self._detail!r} is for rankings and rewards; these questions are about"
                 " the task, so they are asked with full"
             )
-        check_names("shown", asked.shown, tuple(self._settings.renderings))
+        check_names("shown", topics.shown, tuple(self._settings.renderings))
         album = self._album()
         self._clear("question", "rank", files=(QUESTIONS, RANKINGS))
-        return self._question(self._begin("question"), album, asked)
+        return self._question(self._begin("question"), album, topics)
 
     def _question(
-        self, conversation: Conversation, album: Album, asked: Questions
+        self, conversation: Conversation, album: Album, topics: Questions
     ) -> dict[str, Any]:
-        answers = questions.question(conversation, self._settings, album, asked)
+        answers = questions.question(conversation, self._settings, album, topics)
         moments = description.questioned(self._settings.definition)
-        found = self._write(QUESTIONS, {"answers": answers, "asked": moments})
+        result = self._write(QUESTIONS, {"answers": answers, "asked": moments})
         rows = [(row.question, row.answer, row.reason) for row in as_rows(answers, moments)]
         self._files.write("questions.csv", csv_text(("question", "answer", "reason"), rows))
-        return found
+        return result
 
-    def rank(self, asked: Questions, lists: Lists) -> dict[str, Any]:
+    def rank(self, topics: Questions, lists: Lists) -> dict[str, Any]:
         """Ask for rankings, into ``rankings.json`` and ``.csv``, and ``agreement.csv``.
 
         Each sample begins with the questions on cameras, which the totals count too. Lists that
         are ranked afresh, or with less told, go into ``rankings_afresh.json`` (``_names``,
         ``_nothing``) and so on, each from a conversation of its own.
         """
-        check_names("shown", asked.shown, tuple(self._settings.renderings))
-        lists.check(self._settings, asked.shown)
+        check_names("shown", topics.shown, tuple(self._settings.renderings))
+        lists.check(self._settings, topics.shown)
         how, detail, settings = self.ranked(lists), self._detail, self._settings
         scene = description.scene(settings, detail) if how else ""
         album = self._album([*chain(*lists.sets)])
@@ -99,14 +99,14 @@ class Inquiry(AbstractContextManager):
             if how:
                 conversation = self._begin(f"rank{how}/{number}{again}")
                 # For sets the views that they have are described, for lists all views.
-                own = questions.narrowed(settings, sets) if lists.sets else settings
-                before = questions.opening(own, album, sets, detail, scene)
+                env = questions.narrowed(settings, sets) if lists.sets else settings
+                before = questions.opening(env, album, sets, detail, scene)
             elif (number, part) == (1, 1):
-                self._question(conversation, album, asked)
+                self._question(conversation, album, topics)
                 conversation.name = "rank"
             elif number == 1:
                 conversation = self._begin(f"rank{again}")
-                questions.question(conversation, settings, album, asked)
+                questions.question(conversation, settings, album, topics)
             answers[number].append(questions.order(conversation, sets, before))
         ranked = [
             questions.of_groups(sets, lists.group, lists.rounds, answers[number])
@@ -132,10 +132,10 @@ class Inquiry(AbstractContextManager):
         return self._write_rankings("_pictures", [questions.of_groups(names, *how, answers)])
 
     def _write_rankings(self, how: str, ranked: list[dict[str, Any]]) -> dict[str, Any]:
-        found = self._write(f"rankings{how}.json", {"lists": ranked})
+        result = self._write(f"rankings{how}.json", {"lists": ranked})
         self._files.write(f"rankings{how}.csv", questions.rankings_csv(ranked))
         self._files.write(f"agreement{how}.csv", questions.agreement_csv(ranked))
-        return found
+        return result
 
     def ranked(self, lists: Lists) -> str:
         """What names of files and conversations say of how lists are ranked."""
@@ -173,14 +173,14 @@ class Inquiry(AbstractContextManager):
             name = "reward/text" if flavour == "text" else f"reward/{cameras}/image"
             name += "" if detail == "full" else f"/{detail}"
             self._clear(name)
-            asked = {n: f"{name}/{n}" if n > 1 else name for n in range(1, samples + 1)}
+            names = {n: f"{name}/{n}" if n > 1 else name for n in range(1, samples + 1)}
         else:
             prompt = trained.prompt(prompt)
             # The first n of which not all are there lacks its last.
             free = next(n for n in count(1) if not self.has_rewards(flavour, n))
-            asked = {free: f"reward/{cameras}/{flavour}/revised/{free}"}
+            names = {free: f"reward/{cameras}/{flavour}/revised/{free}"}
         failed, paths = [], []
-        for sample, name in asked.items():
+        for sample, name in names.items():
             file, conversation = self._reward_file(flavour, sample), self._begin(name)
             try:
                 source = writing.write_program(conversation, rules, prompt, first)
@@ -219,9 +219,9 @@ class Inquiry(AbstractContextManager):
             for name in files:
                 self._files.vacate(name)
 
-    def _write(self, name: str, found: dict[str, Any]) -> dict[str, Any]:
+    def _write(self, name: str, result: dict[str, Any]) -> dict[str, Any]:
         """Write results with their models and their cost. A replay writes the same file."""
         models = dict.fromkeys(f"{e.provider} {e.answered_by}" for e in self.record.used)
-        whole = {**found, "models": [*models], "totals": totals_of(self.record.used)["all"]}
+        whole = {**result, "models": [*models], "totals": totals_of(self.record.used)["all"]}
         self._files.write(name, json.dumps(whole, indent=2, ensure_ascii=False) + "\n")
         return whole

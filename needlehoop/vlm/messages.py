@@ -113,4 +113,4 @@ class Provider(Protocol):
 def mistakes(error: ValidationError, whole: str = "all of it", most: int = 1) -> str:
     """What is wrong in values, by field; ``whole`` stands for no field."""
     wrong = error.errors(include_url=False, include_context=False, include_input=False)[:most]
-    return "; ".join(f"{'.'.join(map(str, one['loc'])) or whole}: {one['msg']}" for one in wrong)
+    return "; ".join(f"{'.'.join(map(str, item['loc'])) or whole}: {item['msg']}" for item in wrong)

@@ -58,16 +58,16 @@ def collect(settings: Settings, gates: Gates) -> Trajectories:
         return _collected[key]
     simulation = build(blind)
     flights = {
-        who: _fly(simulation, controller(who, blind))
-        for who in ("expert", CHEAT, "random")
-        if who in controllers(blind)
+        name: _fly(simulation, controller(name, blind))
+        for name in ("expert", CHEAT, "random")
+        if name in controllers(blind)
     }
     moments = torch.cat([flight.signals[flight.until_goal()] for flight in flights.values()])
-    last = {who: flight.last() for who, flight in flights.items()}
+    last = {name: flight.last() for name, flight in flights.items()}
     if CHEAT in last:
         last[CHEAT].elapsed = last["expert"].elapsed.clone()
-    own = replace(blind, num_envs=gates.random_episodes)
-    steps = _fly(build(own), controller("random", own), whole=True).signals
+    batch = replace(blind, num_envs=gates.random_episodes)
+    steps = _fly(build(batch), controller("random", batch), whole=True).signals
     before, after = steps[:-1].reshape(-1), steps[1:].reshape(-1)
     after.elapsed = before.elapsed.clone()
     stopped = _stopped(blind, gates.stop_episodes)
@@ -103,7 +103,7 @@ class _Flight:
 def _fly(
     simulation: Simulation, act: Controller, whole: bool = False, most: int | None = None
 ) -> _Flight:
-    """The first episodes, until all are at their goal, or ``whole``; at ``most`` so many steps."""
+    """The first episodes up to their goals, or ``whole``; ``most``: steps, at most."""
     simulation.reseed(simulation.settings.seed)
     signals: list[Any] = []
     alive: list[Tensor] = []
@@ -129,7 +129,7 @@ def _stopped(blind: Settings, episodes: int) -> dict[str, tuple[Signals, Signals
     s = replace(blind, num_envs=episodes)
     task, act, simulation = s.definition, controller(s.definition.teacher, s), build(s)
     flight = _fly(simulation, act)
-    finished, found = flight.last(), {}
+    finished, pairs = flight.last(), {}
     opens, facts = task.robot.opens, [fact.name for fact in task.facts if fact.name != task.goal]
     loose = {task.phases[0].ends, facts[-1]} - {task.goal} if facts and opens else ()
     for moment, first in _firsts(flight, task, facts).items():
@@ -141,8 +141,8 @@ def _stopped(blind: Settings, episodes: int) -> dict[str, tuple[Signals, Signals
             if bool(ended.any()):
                 whole, last = finished[ended], stop.signals[-1][ended]
                 last.elapsed = whole.elapsed.clone()
-                found[f"{'letting go' if loosen else 'holding still'} at {moment}"] = last, whole
-    return found
+                pairs[f"{'letting go' if loosen else 'holding still'} at {moment}"] = last, whole
+    return pairs
 
 
 def _firsts(flight: _Flight, task: Task, facts: Sequence[str]) -> dict[str, Tensor]:
@@ -170,8 +170,8 @@ def _short(act: Controller, first: Tensor, opens: Sequence[int]) -> Controller:
         action = act(signals)
         still = (first >= 0) & (next(numbers) >= first)
         action[still] = 0.0
-        for one in opens:
-            action[still, one] = 1.0
+        for index in opens:
+            action[still, index] = 1.0
         return action
 
     return short
@@ -183,15 +183,15 @@ def ranges(settings: Settings) -> dict[str, tuple[list[float], list[float]]]:
     s = _blind(settings, 8)
     simulation = build(s)
     moments = [
-        _fly(simulation, controller(who, s), whole=True).signals
-        for who in (s.definition.teacher, "random")
+        _fly(simulation, controller(name, s), whole=True).signals
+        for name in (s.definition.teacher, "random")
     ]
-    found = {}
+    ends = {}
     for name, signal in s.definition.signals.items():
         size = math.prod(signal.shape)
-        values = torch.cat([getattr(one, name).double().reshape(-1, size) for one in moments])
-        found[name] = values.amin(0).tolist(), values.amax(0).tolist()
-    return found
+        values = torch.cat([getattr(moment, name).double().reshape(-1, size) for moment in moments])
+        ends[name] = values.amin(0).tolist(), values.amax(0).tolist()
+    return ends
 
 
 def random_signals(task: Task, count: int, seed: int) -> Signals:

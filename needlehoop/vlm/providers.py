@@ -77,13 +77,13 @@ class LiveProvider:
         except Exception as error:
             status = getattr(error, "status_code", getattr(error, "code", None))
             status = status if isinstance(status, int) else type(error).__name__
-            who = f"vlm={self._config.kind} ({self._config.model})"
-            said = str(error.__cause__ or error)
+            label = f"vlm={self._config.kind} ({self._config.model})"
+            message = str(error.__cause__ or error)
             if self._key:
-                said = said.replace(self._key, "***")
-            said = " ".join(said.split())[:300]
+                message = message.replace(self._key, "***")
+            message = " ".join(message.split())[:300]
             # Not chained, because the other error may repeat the key.
-            raise ProviderError(f"{who}: {status}: {said}", status) from None
+            raise ProviderError(f"{label}: {status}: {message}", status) from None
 
     def _ask(self, request: Request) -> Reply:
         raise NotImplementedError
@@ -123,18 +123,18 @@ class OpenAi(LiveProvider):
 
     def _ask(self, request: Request) -> Reply:
         form = {"name": "answer", "schema": dict(request.schema), "strict": True}
-        found = self._client.chat.completions.create(
+        completion = self._client.chat.completions.create(
             model=self._config.model,
             messages=[self._message(message) for message in request.messages],
             response_format={"type": "json_schema", "json_schema": form},
             # Not checked, because servers differ in the settings that they take.
             extra_body=self._config.sent,
         )
-        choice, usage = found.choices[0], found.usage
+        choice, usage = completion.choices[0], completion.usage
         finish, text = choice.finish_reason, choice.message.content or ""
         refusal = choice.message.refusal or (finish if finish == "content_filter" else None)
         tokens = (usage.prompt_tokens, usage.completion_tokens) if usage else (None, None)
-        return self._reply(text, refusal, finish, found.model, tokens)
+        return self._reply(text, refusal, finish, completion.model, tokens)
 
     def _message(self, message: Message) -> dict[str, Any]:
         def piece(part: Part) -> dict[str, Any]:
@@ -170,22 +170,22 @@ class Gemini(LiveProvider):
 
     def _ask(self, request: Request) -> Reply:
         form = {"response_json_schema": dict(request.schema)}
-        found = self._client.models.generate_content(
+        response = self._client.models.generate_content(
             model=self._config.model,
             contents=[self._content(message) for message in request.messages],
             config=self._settings.model_copy(update=form),
         )
         # A filter leaves out the candidate or its parts.
-        reason = found.candidates[0].finish_reason if found.candidates else None
-        block = found.prompt_feedback and found.prompt_feedback.block_reason
+        reason = response.candidates[0].finish_reason if response.candidates else None
+        block = response.prompt_feedback and response.prompt_feedback.block_reason
         finish, blocked = reason and reason.value, block and block.value
         refusal = blocked or (None if finish in (self._cut, "STOP") else finish)
-        usage = found.usage_metadata
+        usage = response.usage_metadata
         tokens = (usage.prompt_token_count, usage.candidates_token_count) if usage else (None, None)
         if tokens[1] is not None:
             # Thoughts are billed as output.
             tokens = (tokens[0], tokens[1] + (usage.thoughts_token_count or 0))
-        return self._reply(found.text or "", refusal, finish, found.model_version, tokens)
+        return self._reply(response.text or "", refusal, finish, response.model_version, tokens)
 
     def _content(self, message: Message) -> Any:
         make = self._types.Part
@@ -277,17 +277,17 @@ def write_request(request: Request, place: Path) -> None:
     write_whole(place / "request.md", "\n".join(lines))
 
 
-def find_json(said: str) -> str:
+def find_json(answer: str) -> str:
     """The JSON object in a model's text: all of it, in a fence, or between braces.
 
     A text without one is returned as it is, to be refused like any malformed answer.
     """
-    fenced = re.findall(r"^```\w*[ \t]*\n(.*?)^```", said, re.DOTALL | re.MULTILINE)
-    braces = said[said.find("{") : said.rfind("}") + 1]
-    for text in (said, *reversed(fenced), braces):
+    fenced = re.findall(r"^```\w*[ \t]*\n(.*?)^```", answer, re.DOTALL | re.MULTILINE)
+    braces = answer[answer.find("{") : answer.rfind("}") + 1]
+    for text in (answer, *reversed(fenced), braces):
         try:
             if isinstance(json.loads(text), dict):
                 return text.strip()
         except (ValueError, RecursionError):
             continue
-    return said
+    return answer

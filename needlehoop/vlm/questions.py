@@ -149,13 +149,13 @@ def opening(
 
     ``scene``: of ``description.scene``.
     """
-    shown, said = narrowed(settings, sets), [scene]
+    shown, texts = narrowed(settings, sets), [scene]
     if prompt_detail != "nothing":
-        said.append(description.cameras(settings, [*shown.renderings]))
-    said.append(description.stages(settings, prompt_detail))
+        texts.append(description.cameras(settings, [*shown.renderings]))
+    texts.append(description.stages(settings, prompt_detail))
     album = album.renamed(description.stage_names(settings, prompt_detail))
     text = fill(
-        "rank_afresh", told="\n\n".join(said), pixels=description.extent(settings.image_size)
+        "rank_afresh", told="\n\n".join(texts), pixels=description.extent(settings.image_size)
     )
     return [text, *album.show(shown.cams), *album.show_seen(shown.cams)]
 
@@ -163,8 +163,8 @@ def opening(
 def order(conversation: Conversation, sets: Sequence[str], before: Sequence[Part] = ()) -> Ranked:
     """Rank sets, after ``before`` or after all that was answered."""
     basis = "saw in the pictures" if before else "saw in the pictures and what you answered so far"
-    said = f"Use what you {basis}."
-    return _ranked(conversation, sets, "rank", before, basis=said)
+    sentence = f"Use what you {basis}."
+    return _ranked(conversation, sets, "rank", before, basis=sentence)
 
 
 def order_pictures(
@@ -212,21 +212,21 @@ def of_groups(
     strengths are fitted to all of these. Beside what ``of_samples`` has are the ``scheme``, the
     ``strengths`` by name, and the ``questions`` as asked and answered.
     """
-    found = strengths(names, answers)
-    order = sorted(names, key=lambda name: (-found[name], names.index(name)))
+    scores = strengths(names, answers)
+    order = sorted(names, key=lambda name: (-scores[name], names.index(name)))
     # The first answer's reason stays.
     places = [place for answer in reversed(answers) for place in answer["places"]]
     reasons = {place["name"]: place["reason"] for place in places}
     whole = {
         "places": [{"name": name, "reason": reasons[name]} for name in order],
-        "sure": [round(found[a] / (found[a] + found[b]), 4) for a, b in pairwise(order)],
+        "sure": [round(scores[a] / (scores[a] + scores[b]), 4) for a, b in pairwise(order)],
     }
-    asked = zip(deal(names, size, rounds), answers, strict=True)
+    pairs = zip(deal(names, size, rounds), answers, strict=True)
     return {
         **of_samples(names, [whole]),
         "scheme": {"groups_of": size, "rounds": rounds, "seed": _SEED, "fit": "Bradley-Terry"},
-        "strengths": found,
-        "questions": [{"sets": dealt, **answer} for dealt, answer in asked],
+        "strengths": scores,
+        "questions": [{"sets": dealt, **answer} for dealt, answer in pairs],
     }
 
 
@@ -235,11 +235,11 @@ def deal(names: Sequence[str], size: int, rounds: int) -> list[list[str]]:
     if len(names) <= size:
         return [list(names)]
     draw, count = random.Random(_SEED), -(-len(names) // size)
-    found = []
+    groups = []
     for _ in range(rounds):
         shuffled = draw.sample(list(names), len(names))
-        found += [shuffled[first::count] for first in range(count)]
-    return found
+        groups += [shuffled[first::count] for first in range(count)]
+    return groups
 
 
 def strengths(names: Sequence[str], answers: Sequence[Ranked]) -> dict[str, float]:
@@ -253,15 +253,15 @@ def strengths(names: Sequence[str], answers: Sequence[Ranked]) -> dict[str, floa
     for answer in answers:
         order = [place[entry["name"]] for entry in answer["places"]]
         for first, second in combinations(range(len(order)), 2):
-            tied = all(one == 0.5 for one in answer["sure"][first:second])
+            tied = all(sure == 0.5 for sure in answer["sure"][first:second])
             wins[order[first], order[second]] += 0.5 if tied else 1.0
             wins[order[second], order[first]] += 0.5 if tied else 0.0
-    found = np.ones(len(names))
+    strength = np.ones(len(names))
     for _ in range(500):
-        met = (wins + wins.T) / (found[:, None] + found)
-        found = (0.5 + wins.sum(1)) / (1 / (found + 1.0) + met.sum(1))
-        found /= found.mean()
-    return {name: round(float(found[number]), 6) for name, number in place.items()}
+        met = (wins + wins.T) / (strength[:, None] + strength)
+        strength = (0.5 + wins.sum(1)) / (1 / (strength + 1.0) + met.sum(1))
+        strength /= strength.mean()
+    return {name: round(float(strength[number]), 6) for name, number in place.items()}
 
 
 def _agreement(orders: Sequence[Sequence[str]]) -> dict[str, float] | None:
@@ -285,8 +285,8 @@ def rankings_csv(lists: Sequence[Mapping[str, Any]]) -> str:
     rows = []
     for number, ranked in enumerate(lists, 1):
         samples = zip(ranked["rankings"], ranked["sure"], strict=True)
-        for sample, (entries, own) in enumerate(samples, 1):
-            for place, (entry, sure) in enumerate(zip(entries, (*own, ""), strict=True), 1):
+        for sample, (entries, chances) in enumerate(samples, 1):
+            for place, (entry, sure) in enumerate(zip(entries, (*chances, ""), strict=True), 1):
                 rows.append((number, sample, place, entry["name"], sure, entry["reason"]))
     return csv_text(("list", "sample", "place", "cameras", "sure", "reason"), rows)
 

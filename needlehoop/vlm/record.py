@@ -83,25 +83,25 @@ class Record:
         self.exchanges: list[Exchange] = self._read()
         self.used: list[Exchange] = []
         """All answers that were given so far, in order."""
-        others = [e.who for e in self.exchanges if provider and e.who != provider.who]
-        if provider and others:
+        models = [e.who for e in self.exchanges if provider and e.who != provider.who]
+        if provider and models:
             raise ValueError(
-                f"{self.path} is a conversation with {others[0]}; vlm= asks {provider.who}: go on"
+                f"{self.path} is a conversation with {models[0]}; vlm= asks {provider.who}: go on"
                 " with the former, or choose another study="
             )
 
     def _read(self) -> list[Exchange]:
-        found = []
+        exchanges = []
         lines = self.path.read_bytes().splitlines() if self.path.exists() else []
         for number, line in enumerate(lines, 1):
             try:
-                found.append(Exchange.model_validate_json(line))
+                exchanges.append(Exchange.model_validate_json(line))
             except ValidationError as error:
                 raise ValueError(
                     f"{self.path}: line {number} is no exchange: {mistakes(error)}; remove the"
                     " line to ask again"
                 ) from error
-        return found
+        return exchanges
 
     def ask(self, request: Request, conversation: str) -> Exchange:
         """A usable answer; ``conversation`` is a name for the record.
@@ -128,9 +128,9 @@ class Record:
                 " manual and another study="
             )
         if not exchange.usable:
-            who = f"{exchange.provider} ({exchange.answered_by or exchange.model})"
+            model = f"{exchange.provider} ({exchange.answered_by or exchange.model})"
             what = {"refused": "refused to answer", "empty": "gave an empty answer"}
-            raise RefusalError(f"{who} {what[exchange.outcome]}: {exchange.detail}")
+            raise RefusalError(f"{model} {what[exchange.outcome]}: {exchange.detail}")
         self.used.append(exchange)
         return exchange
 
@@ -178,5 +178,5 @@ class Record:
         below = tuple(f"{name}/" for name in names)
         kept = [e for e in self.exchanges if not f"{e.conversation}/".startswith(below)]
         if len(kept) < len(self.exchanges):
-            Run(self.folder).write(TRANSCRIPT, "".join(one.line() for one in kept))
+            Run(self.folder).write(TRANSCRIPT, "".join(exchange.line() for exchange in kept))
             self.exchanges = kept

@@ -45,14 +45,14 @@ def program_rules(settings: Settings, gates: Gates) -> ProgramRules:
             program = compile_program(source, task.signals)
         except ProgramError as error:
             return Verdict(str(error))
-        found = gate_report(program, settings, gates, trajectories)
+        report = gate_report(program, settings, gates, trajectories)
         # Naming the cheat, or where the teacher stopped, would tell the model what success is.
         hidden = {task.cheating: "an episode that fails at the task"}
-        hidden |= {f"the teacher {how}": "an episode that stops short" for how in found.stopped}
-        reason = "; ".join(found.reasons)
-        for name, said in hidden.items():
-            reason = reason.replace(name, said)
-        return Verdict(reason or None, found.as_dict())
+        hidden |= {f"the teacher {how}": "an episode that stops short" for how in report.stopped}
+        reason = "; ".join(report.reasons)
+        for name, phrase in hidden.items():
+            reason = reason.replace(name, phrase)
+        return Verdict(reason or None, report.as_dict())
 
     return ProgramRules(gates.low, gates.high, judge)
 
@@ -106,15 +106,15 @@ def reward_prompt(
     ``guess_prompt``, which has the pictures.
     """
     task = settings.definition
-    asked = {"lowest": f"{rules.lowest:g}", "highest": f"{rules.highest:g}"}
-    asked["language"] = description.language()
+    gaps = {"lowest": f"{rules.lowest:g}", "highest": f"{rules.highest:g}"}
+    gaps["language"] = description.language()
     if prompt_detail == "full":
-        said, signals = description.scene(settings), description.signals(settings)
-        text = fill("reward", task, scene=said, signals=signals, **asked)
+        scene, signals = description.scene(settings), description.signals(settings)
+        text = fill("reward", task, scene=scene, signals=signals, **gaps)
     else:
-        said = description.scene(settings, "nothing") if prompt_detail == "names" else ""
+        scene = description.scene(settings, "nothing") if prompt_detail == "names" else ""
         signals = description.unexplained(settings)
-        text = fill("reward", scene=said, signals=signals, done="the task is done", **asked)
+        text = fill("reward", scene=scene, signals=signals, done="the task is done", **gaps)
     if album is None or prompt_detail == "nothing":
         return [text]
     telling, views, cameras = telling_of(task), settings.views, {}
@@ -132,9 +132,9 @@ def reward_prompt(
 def guess_prompt(settings: Settings, album: Album) -> list[Part]:
     """What asks a model, told nothing of the task, what it takes the task to be."""
     told = description.scene(settings, "names")
-    said = fill("guess", told=told, stages=description.stages(settings, "nothing"))
+    text = fill("guess", told=told, stages=description.stages(settings, "nothing"))
     shown = album.renamed(description.stage_names(settings, "nothing"))
-    return [said, *shown.show(settings.cams)]
+    return [text, *shown.show(settings.cams)]
 
 
 def _bare(program: str) -> str:
@@ -163,8 +163,8 @@ class Trained:
         film = "There is no film of the trained agent."
         if self.stills:
             film = "Below the other pictures: stills of a film of the trained agent, in order."
-        own = {"program": self.program.strip(), "curves": self.curves, "steps": f"{self.steps:,}"}
-        shown = [fill("revise", reward=text, stills=film, **own), *pictures]
+        gaps = {"program": self.program.strip(), "curves": self.curves, "steps": f"{self.steps:,}"}
+        shown = [fill("revise", reward=text, stills=film, **gaps), *pictures]
         for number, still in enumerate(self.stills, 1):
             shown += [f"trained agent, still {number} of {len(self.stills)}:", still]
         return shown

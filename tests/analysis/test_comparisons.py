@@ -31,25 +31,25 @@ def test_a_claim_has_students_interval_of_the_sets_pooled_scatter(tmp_path, fron
             run = write_run(tmp_path, cameras, seed=seed, updates=2, steps=20_480)
             change(run / "evaluation.json", **{"return": value})
     # Others' sets have not been trained.
-    ((claim, found),) = claims(study_findings(tmp_path), RETURN).items()
+    ((claim, estimated),) = claims(study_findings(tmp_path), RETURN).items()
     assert claim.text == "depth is better in front than at the side"
-    assert found.value == pytest.approx(np.mean(front) - np.mean(side))
+    assert estimated.value == pytest.approx(np.mean(front) - np.mean(side))
     if quantile is None:
-        assert found.interval is None
+        assert estimated.interval is None
         return
-    squares = sum(float(np.var(own)) * len(own) for own in (front, side))
+    squares = sum(float(np.var(values)) * len(values) for values in (front, side))
     free = len(front) + len(side) - 2
     error = np.sqrt(squares / free * (1 / len(front) + 1 / len(side)))
-    assert found.interval is not None
-    assert found.interval.high == pytest.approx(found.value + quantile * error, abs=1e-3)
+    assert estimated.interval is not None
+    assert estimated.interval.high == pytest.approx(estimated.value + quantile * error, abs=1e-3)
 
 
 def test_a_writer_is_held_against_the_human_by_runs():
     success = {"human": [0.9, 0.8, 0.7], "vlm_text": [0.9, 0.8, 0.7], "vlm_img": [0.6, 0.5, 0.1]}
     rows = [
-        {"reward": reward, "success": one, "sampled": 0.5, "cheat": 0.25}
-        for reward, own in success.items()
-        for one in own
+        {"reward": reward, "success": share, "sampled": 0.5, "cheat": 0.25}
+        for reward, shares in success.items()
+        for share in shares
     ]
     human, text, image = rows_of(writers_table(pd.DataFrame(rows)))
     assert [row["who wrote it"] for row in (human, text, image)] == [*WRITERS.values()]

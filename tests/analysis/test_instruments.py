@@ -13,7 +13,7 @@ def _runs(mean) -> pd.DataFrame:
     rows = []
     for rendering in instruments.RENDERINGS:
         for views in instruments.VIEWS:
-            cameras = "+".join(f"{rendering}_{one}" for one in views.split("+"))
+            cameras = "+".join(f"{rendering}_{view}" for view in views.split("+"))
             for seed in range(5):
                 success = mean(views, rendering) + 0.01 * (seed - 2)
                 rows.append({"cameras": cameras, "seed": seed, "success": success})
@@ -24,7 +24,7 @@ def test_a_set_is_enough_in_two_renderings_of_three():
     best = {"rgb": 0.8, "seg": 0.8, "dep": 0.3}
     runs = _runs(lambda views, name: best[name] if views == "wrist" else 0.8)
     table = instruments.questions_table(runs).set_index("question")["verdict"]
-    verdicts = {name.split(" (")[0]: said for name, said in table.items()}
+    verdicts = {name.split(" (")[0]: verdict for name, verdict in table.items()}
     assert verdicts["one camera on the instrument is enough"] == "yes"
     assert verdicts["the endoscope is enough"] == "yes"
     assert verdicts["the instrument's camera adds something"] == "no"
@@ -50,7 +50,7 @@ def test_predictions_are_held_against_each_rendering_by_itself():
         name: {c: score[instruments.views_of(c)] for c in runs["cameras"] if c.startswith(name)}
         for name in instruments.RENDERINGS
     }
-    wrong = {name: {c: -one for c, one in own.items()} for name, own in right.items()}
+    wrong = {name: {c: -value for c, value in scores.items()} for name, scores in right.items()}
     table = instruments.predictions_table({"right": right, "wrong": wrong}, runs).set_index(
         "prediction"
     )

@@ -37,7 +37,7 @@ def test_a_pair_is_scored_by_its_two_cameras():
 def test_a_ranking_is_held_against_mean_success():
     success = {"a": [0.9, 0.8], "b": [0.6, 0.7], "c": [0.4, 0.5], "d": [0.1, 0.2], "e": [0.0, 0.1]}
     runs = pd.DataFrame(
-        [{"cameras": name, "success": one} for name, own in success.items() for one in own]
+        [{"cameras": name, "success": s} for name, shares in success.items() for s in shares]
     )
     right = [5.0, 4.0, 3.0, 2.0, 1.0]
     scores = {MODEL: right, PIXELS: right[::-1], HIDDEN: right[::-1], ELEVATION: right[::-1]}

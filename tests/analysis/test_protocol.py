@@ -25,7 +25,7 @@ from needlehoop.study.data import paper
 LISTS = list(paper.lists().values())
 MEASURED = {
     name: is_two_sided(name) + place / 100
-    for place, name in enumerate(sorted({one for names in LISTS for one in names}))
+    for place, name in enumerate(sorted({name for names in LISTS for name in names}))
 }
 
 
@@ -104,9 +104,9 @@ def test_the_best_set_is_judged_by_a_seed_that_did_not_choose_it():
     names = ["rgb_default", "dep_front+seg_side"]
     success = {names[0]: [1.0, 0.4, 0.4], names[1]: [0.5, 0.5, 0.5]}
     runs = pd.DataFrame(
-        {"cameras": name, "seed": seed, "success": one}
-        for name, own in success.items()
-        for seed, one in enumerate(own)
+        {"cameras": name, "seed": seed, "success": share}
+        for name, shares in success.items()
+        for seed, share in enumerate(shares)
     )
     table = rows_of(best_table(runs))
     # Seed 0 alone lifts the first set's mean, and is left out of its own choice.

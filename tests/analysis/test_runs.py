@@ -64,10 +64,10 @@ def test_a_stress_test_counts_once_all_sets_have_one_of_its_seed(tmp_path):
                     (run / "stress.csv").write_text(STRESS)
     add(tmp_path / "kept", [tmp_path / "none", tmp_path / "moderate"])
     assert len(pd.read_csv(tmp_path / "kept" / "stress.csv")) == 12
-    found = stress_of(tmp_path / "kept")
-    assert {*found["seed"]} == {1}
-    assert found.groupby(["disturb", "cameras", "axis"]).size().eq(1).all()
-    assert found["success"].mean() == pytest.approx(0.375)
+    stress = stress_of(tmp_path / "kept")
+    assert {*stress["seed"]} == {1}
+    assert stress.groupby(["disturb", "cameras", "axis"]).size().eq(1).all()
+    assert stress["success"].mean() == pytest.approx(0.375)
 
 
 def test_a_run_under_amounts_of_its_own_is_refused(tmp_path):

@@ -31,10 +31,10 @@ def _runs() -> pd.DataFrame:
 
 
 def test_survival_is_the_mean_over_axes_by_themselves():
-    found = survival(_stress())
-    shares = found["success"] / found["none"]
+    table = survival(_stress())
+    shares = table["success"] / table["none"]
     assert shares.tolist() == pytest.approx([0.6] * len(UNDISTURBED))
-    assert (found["all"] / found["none"]).tolist() == pytest.approx([0.1] * len(UNDISTURBED))
+    assert (table["all"] / table["none"]).tolist() == pytest.approx([0.1] * len(UNDISTURBED))
 
 
 def test_the_best_survivor_comes_first_and_what_was_not_trained_stays_empty():

@@ -83,39 +83,39 @@ def test_expert_writes_a_video(tmp_path, capsys):
     ],
 )
 def test_a_file_that_exists_is_not_replaced_unasked(name, arguments, tmp_path, capsys):
-    mine = tmp_path / name
-    mine.write_text("precious")
-    assert main([word.format(mine) for word in arguments]) == 2
+    file = tmp_path / name
+    file.write_text("precious")
+    assert main([word.format(file) for word in arguments]) == 2
     assert "overwrite=true" in capsys.readouterr().err
-    assert mine.read_text() == "precious"
+    assert file.read_text() == "precious"
 
 
 def test_tasks_lists_all_and_tells_a_named_ones_signals(capsys):
     assert main(["tasks"]) == 0
-    said = capsys.readouterr().out
-    assert "needle_hoop: " in said
-    assert "  variants    reach, reach/near" in said
-    assert "needle_tip" not in said
+    output = capsys.readouterr().out
+    assert "needle_hoop: " in output
+    assert "  variants    reach, reach/near" in output
+    assert "needle_tip" not in output
     assert main(["tasks", "task=wide"]) == 0
-    said = capsys.readouterr().out
-    assert "needle_tip" in said
-    assert "reach: " not in said
+    output = capsys.readouterr().out
+    assert "needle_tip" in output
+    assert "reach: " not in output
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "text"),
     [
         (["expert", "controller=expart"], "controller: 'expart'"),
         (["expert", "episodes=1", "--video", "out.gif"], "--video: 'out.gif' must end in .mp4"),
         (["plot", "results/a", "cams=[]"], "'cams=[]' is not understood"),
     ],
 )
-def test_a_mistake_is_one_line_that_names_the_key(arguments, said, capsys, tmp_path, monkeypatch):
+def test_a_mistake_is_one_line_that_names_the_key(arguments, text, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(arguments) == 2
     error = capsys.readouterr().err.strip().splitlines()[-1]
     assert error.startswith(f"needlehoop {arguments[0]}: ")
-    assert said in error
+    assert text in error
     assert list(tmp_path.iterdir()) == []
 
 
@@ -128,8 +128,8 @@ def test_help_says_what_a_command_does_and_shows_its_keys(capsys):
         assert inspect.getdoc(command.run).split()[0] in shown, name
         keys = yaml.safe_load((CONF / f"{command.config or 'env'}.yaml").read_text())
         # Those of every environment are only named.
-        own = {*keys} - {"defaults"} if command.config not in (None, "env") else ()
-        assert [key for key in own if f"\n{key}:" not in shown] == [], name
+        expected = {*keys} - {"defaults"} if command.config not in (None, "env") else ()
+        assert [key for key in expected if f"\n{key}:" not in shown] == [], name
 
 
 @pytest.mark.parametrize(

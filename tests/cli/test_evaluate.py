@@ -43,21 +43,21 @@ def evaluated(run: Path, *words: str, capsys) -> dict:
 def test_another_evaluation_has_a_folder_of_its_own(run, capsys, words, name, changed):
     before = files(run)
     assert main(["evaluate", str(run), *words]) == 0
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     after = files(run)
     place = f"evaluations/{name}/evaluation.json"
-    found = json.loads(after.pop(place))
-    assert found.get("changed") == changed
+    evaluation = json.loads(after.pop(place))
+    assert evaluation.get("changed") == changed
     assert after == before
-    assert f"written      {run / place}" in said
-    assert ("changed      " in said) == bool(changed)
+    assert f"written      {run / place}" in output
+    assert ("changed      " in output) == bool(changed)
 
 
 def test_a_variant_of_the_task_is_what_it_is_in_training(run, capsys):
-    found = evaluated(run, "task=wide", capsys=capsys)
+    evaluation = evaluated(run, "task=wide", capsys=capsys)
     options = yaml.safe_load((CONF / "task/wide.yaml").read_text())
     keys = {key for key in options if key != "defaults"}
-    assert {key.removeprefix("task.") for key in found["changed"]} == keys
+    assert {key.removeprefix("task.") for key in evaluation["changed"]} == keys
     graded = evaluated(run, "disturb=mild", capsys=capsys)["changed"]
     assert graded["disturb.robot.lost"] > 0
     # The same again leaves the same.
@@ -77,9 +77,9 @@ def test_the_runs_own_evaluation_stays_as_it_is(run, capsys):
     # Of the same agent and the same episodes: a simulator has changed since, say.
     other = {**json.loads(before["evaluation.json"]), "return": 7.0}
     (run / "evaluation.json").write_text(json.dumps(other))
-    found = evaluated(run, capsys=capsys)
+    evaluation = evaluated(run, capsys=capsys)
     assert json.loads((run / "evaluation.json").read_text()) == other
-    assert json.loads((run / "evaluations/again/evaluation.json").read_text()) == found
+    assert json.loads((run / "evaluations/again/evaluation.json").read_text()) == evaluation
     # A run that was trained on since has a new one; a run that has none, its first.
     (run / "evaluation.json").write_text(json.dumps({**other, "steps_trained": 8}))
     assert evaluated(run, capsys=capsys) == json.loads((run / "evaluation.json").read_text())
@@ -89,7 +89,7 @@ def test_the_runs_own_evaluation_stays_as_it_is(run, capsys):
 
 
 @pytest.mark.parametrize(
-    ("word", "said"),
+    ("word", "message"),
     [
         ("cams=[rgb_front]", "cams: the agent's networks take what the run sees, []"),
         ("task=reach", "task: the run's is needle_hoop; choose from near, standard"),
@@ -97,22 +97,22 @@ def test_the_runs_own_evaluation_stays_as_it_is(run, capsys):
         ("seed=0", "seed: the run was trained on 0"),
     ],
 )
-def test_what_may_not_be_changed_is_refused_in_a_line(run, capsys, word, said):
+def test_what_may_not_be_changed_is_refused_in_a_line(run, capsys, word, message):
     before = files(run)
     assert main(["evaluate", str(run), word]) == 2
     told = capsys.readouterr().err
-    assert said in told
+    assert message in told
     assert told.count("\n") == 1
     assert files(run) == before
 
 
 def test_an_option_takes_the_values_that_are_typed_for_it(tiny_run):
     recorded = yaml.safe_load((tiny_run / "config.yaml").read_text())
-    values, found = changed(
+    values, changes = changed(
         recorded, ["reward=file", "reward.path=mine.txt", "task.hoop_tube=0.002"]
     )
     assert (values["reward"]["kind"], values["reward"]["path"]) == ("file", "mine.txt")
-    assert found["task.hoop_tube"] == 0.002
+    assert changes["task.hoop_tube"] == 0.002
     assert values["task"]["needle_radius"] == recorded["task"]["needle_radius"]
 
 
@@ -120,12 +120,12 @@ def test_any_option_of_a_group_that_a_run_knows_nothing_of_is_a_condition(tiny_r
     """A run from before there was such a group is as it is by default."""
     recorded = yaml.safe_load((tiny_run / "config.yaml").read_text())
     without = {key: value for key, value in recorded.items() if key != "picture"}
-    values, found = changed(without, ["picture.azimuth=7"])
+    values, changes = changed(without, ["picture.azimuth=7"])
     assert values["picture"] == {**recorded["picture"], "azimuth": 7}
-    assert found == {}
+    assert changes == {}
     without = {key: value for key, value in recorded.items() if key != "episode"}
-    values, found = changed(without, ["episode.grasp=friction"])
-    assert found == {"episode.grasp": "friction"}
+    values, changes = changed(without, ["episode.grasp=friction"])
+    assert changes == {"episode.grasp": "friction"}
     assert values["episode"]["max_steps"] == 100
 
 
@@ -142,26 +142,26 @@ def test_watch_flies_under_other_conditions_and_says_so(run, capsys, monkeypatch
     before = files(run)
     words = ["episode.max_steps=2", "episodes=1", "video_episodes=1"]
     assert main(["watch", str(run), *words, "policy=best"]) == 0
-    said = capsys.readouterr().out
-    assert "policy       best, after 16 steps\nchanged      episode.max_steps=2\n" in said
-    assert "length       2 steps" in said
+    output = capsys.readouterr().out
+    assert "policy       best, after 16 steps\nchanged      episode.max_steps=2\n" in output
+    assert "length       2 steps" in output
     assert files(run) == before
 
 
 def test_environments_and_policies_of_a_run(run):
-    own, wide = (
+    env, wide = (
         needlehoop.make_env_of(run, num_envs=2, overrides=words)
         for words in ((), ["task=wide", "episode.max_steps=2"])
     )
-    assert own.settings.episode.max_steps == 3
+    assert env.settings.episode.max_steps == 3
     assert wide.settings.episode.max_steps == 2
-    assert wide.settings.task.needle_yaw_range > own.settings.task.needle_yaw_range
+    assert wide.settings.task.needle_yaw_range > env.settings.task.needle_yaw_range
     with pytest.raises(ValueError, match="image_size: the agent's networks"):
         needlehoop.make_env_of(run, overrides=["image_size=32"])
     last, best = (needlehoop.load_policy(run, policy=name) for name in ("last", "best"))
     assert last.origin == f"last, after 24 steps, of {run}"
     assert repr(best) == f"Policy(best, after 16 steps, of {run})"
-    seen = own.reset()
+    seen = env.reset()
     assert not torch.equal(last(seen), best(seen))
     assert torch.equal(last(seen), needlehoop.load_policy(run)(seen))
     alone = needlehoop.load_policy(run / "best.safetensors")
@@ -215,14 +215,14 @@ def test_evaluations_say_how_the_sampled_policy_does(tiny_run):
     run = Run.open(tiny_run)
     job = typed_job(run.config())
     agent = evaluating.load_agent(run, job, torch.device("cpu"))
-    own = replace(job.env, seed=7)
-    few, many = (evaluating.evaluate(own, agent, n, sampled=True) for n in (2, 4))
+    settings = replace(job.env, seed=7)
+    few, many = (evaluating.evaluate(settings, agent, n, sampled=True) for n in (2, 4))
     assert torch.equal(few.potential, many.potential[:2])
-    mean = evaluating.evaluate(own, agent, 2)
+    mean = evaluating.evaluate(settings, agent, 2)
     assert not torch.equal(few.human, mean.human)
     with torch.no_grad():
         agent.actor.head.log_sigma.fill_(-30.0)
-    assert torch.allclose(evaluating.evaluate(own, agent, 2, sampled=True).human, mean.human)
+    assert torch.allclose(evaluating.evaluate(settings, agent, 2, sampled=True).human, mean.human)
     rows = table(tiny_run / "evaluations.csv")
     assert all(0 <= float(row["success_sampled"]) <= 1 for row in rows)
     assert "success_sampled" in json.loads((tiny_run / "evaluation.json").read_text())

@@ -19,7 +19,7 @@ TINY += ["evaluation.final_episodes=2", "evaluation.video_episodes=0", "engine.t
 @pytest.fixture(scope="module")
 def place(tmp_path_factory) -> Path:
     """A folder with ``conf/`` and the results of a run that was paused and resumed."""
-    place = tmp_path_factory.mktemp("own")
+    place = tmp_path_factory.mktemp("own_view")
     view = yaml.safe_load((CONF / "view/front.yaml").read_text())
     (place / "conf/view").mkdir(parents=True)
     (place / "conf/view/near.yaml").write_text(yaml.safe_dump({**view, "azimuth": 20.0}))
@@ -34,7 +34,7 @@ RUN = "results/main/rgb_near/human/seed0"
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "output"),
     [
         (["evaluate", RUN], "the same as"),
         (["evaluate", RUN, "views.near.azimuth=25"], "changed      views.near.azimuth=25"),
@@ -53,23 +53,23 @@ RUN = "results/main/rgb_near/human/seed0"
     ids=lambda words: " ".join(words)[:60] if isinstance(words, list) else "",
 )
 @pytest.mark.full
-def test_a_command_takes_its_run(place, monkeypatch, capsys, words, said):
+def test_a_command_takes_its_run(place, monkeypatch, capsys, words, output):
     monkeypatch.chdir(place)
     assert main(words) == 0, capsys.readouterr().err
-    assert said in capsys.readouterr().out
+    assert output in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["episodes=1"], "out: give a folder for the dataset, such as out=demos/smooth-v0"),
         (["out=f-v0", "cams=[rgb_front]"], "cams: the agent's networks take what the run sees"),
     ],
 )
-def test_demonstrations_of_a_run_refuse_in_a_line(place, monkeypatch, capsys, words, said):
+def test_demonstrations_of_a_run_refuse_in_a_line(place, monkeypatch, capsys, words, message):
     monkeypatch.chdir(place)
     assert main(["demonstrations", f"demonstrator={RUN}", *words]) == 2
     told = capsys.readouterr().err
-    assert said in told
+    assert message in told
     assert told.count("\n") == 1
     assert not Path("f-v0").exists()

@@ -37,15 +37,15 @@ WITH_TORCH = [
 SCRIPT = """
 import contextlib, io, json, sys
 from needlehoop.cli.main import main
-commands, names, found = *map(json.loads, sys.argv[1:]), {}
+commands, names, results = *map(json.loads, sys.argv[1:]), {}
 for words in commands:
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         try:
             status = main(words)
         except SystemExit as end:
             status = end.code
-    found[" ".join(words)] = [str(status), [name for name in names if name in sys.modules]]
-print(json.dumps(found))
+    results[" ".join(words)] = [str(status), [name for name in names if name in sys.modules]]
+print(json.dumps(results))
 """
 
 
@@ -63,21 +63,21 @@ def imported(commands: list[list[str]], names: tuple[str, ...], folder: Path) ->
 
 
 def test_tables_files_and_help_need_no_torch(tmp_path):
-    found = imported(WITHOUT_TORCH, (*HEAVY, "torch"), tmp_path)
-    assert found == {" ".join(words): ["0", []] for words in WITHOUT_TORCH}
+    results = imported(WITHOUT_TORCH, (*HEAVY, "torch"), tmp_path)
+    assert results == {" ".join(words): ["0", []] for words in WITHOUT_TORCH}
 
 
 def test_a_misspelt_key_needs_no_torch(tmp_path):
-    found = imported(MISSPELT, (*HEAVY, "torch"), tmp_path)
-    assert {name: modules for name, (_, modules) in found.items() if modules} == {}
-    assert [name for name, (status, _) in found.items() if status == "0"] == []
+    results = imported(MISSPELT, (*HEAVY, "torch"), tmp_path)
+    assert {name: modules for name, (_, modules) in results.items() if modules} == {}
+    assert [name for name, (status, _) in results.items() if status == "0"] == []
     assert list(tmp_path.iterdir()) == []
 
 
 def test_what_is_refused_or_explained_needs_no_simulator_and_no_agent(tmp_path):
     (tmp_path / "bad.txt").write_text("reward = nonsense(needle_tip)\n")
     # A task names its sensors with MuJoCo's own types, which take a tenth of a second.
-    found = imported(WITH_TORCH, [name for name in HEAVY if name != "mujoco"], tmp_path)
-    assert {name: modules for name, (_, modules) in found.items() if modules} == {}
-    assert [name for name, (status, _) in found.items() if status == "0"] == []
+    results = imported(WITH_TORCH, [name for name in HEAVY if name != "mujoco"], tmp_path)
+    assert {name: modules for name, (_, modules) in results.items() if modules} == {}
+    assert [name for name, (status, _) in results.items() if status == "0"] == []
     assert [path.name for path in tmp_path.iterdir()] == ["bad.txt"]

@@ -36,10 +36,10 @@ def test_the_shipped_agent_is_watched_if_none_is_named(run, monkeypatch, capsys)
     monkeypatch.setattr(shipped, "AGENT", run)
     for shown in (1, 2):
         assert main(["watch", "episodes=4", f"video_episodes={shown}"]) == 0
-        said = capsys.readouterr().out
-        assert str(run) in said
+        output = capsys.readouterr().out
+        assert str(run) in output
         # Not the seed of its own evaluation.
-        assert "episodes     4 (seed 1000002)" in said
+        assert "episodes     4 (seed 1000002)" in output
     # The first film is kept.
     assert frames(Path("watch.mp4")) == 2 * frames(Path("watch.1.mp4"))
     assert {path.name: path.read_bytes() for path in run.iterdir()} == before
@@ -55,21 +55,21 @@ def test_the_shipped_agent_is_watched_if_none_is_named(run, monkeypatch, capsys)
 )
 def test_a_task_has_a_shipped_agent_of_its_own(word, cameras, capsys):
     assert main(["watch", word, "episodes=2", "video_episodes=1", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    evaluation = json.loads(capsys.readouterr().out)
     task = word.removeprefix("task=").partition("/")[0]
-    assert found["run"].endswith(f"results/{task}/{cameras}/expert/seed0")
-    assert ("changed" in found) == ("/" in word)
-    assert found["success"] == 1.0
+    assert evaluation["run"].endswith(f"results/{task}/{cameras}/expert/seed0")
+    assert ("changed" in evaluation) == ("/" in word)
+    assert evaluation["success"] == 1.0
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["out=watch.gif"], ".mp4"),
         (["seed=0"], "trained on"),
     ],
 )
-def test_what_cannot_be_watched_is_refused(run, capsys, words, said):
+def test_what_cannot_be_watched_is_refused(run, capsys, words, message):
     assert main(["watch", str(run), *words]) == 2
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert list(Path().iterdir()) == []

@@ -55,11 +55,11 @@ BAD = [
 
 
 def test_a_bad_setting_is_refused_with_its_key_and_what_is_valid():
-    for override, said in BAD:
+    for override, parts in BAD:
         with pytest.raises(ValueError) as caught:  # noqa: PT011
             compose_settings([override])
         message = str(caught.value)
-        assert [part for part in said if part not in message] == [], override
+        assert [part for part in parts if part not in message] == [], override
         assert "\n" not in message, override
 
 
@@ -100,7 +100,7 @@ def test_every_view_and_rendering_is_offered(settings):
 
 
 @pytest.mark.parametrize(
-    ("given", "chosen"),
+    ("words", "chosen"),
     [
         ([], []),
         (["cams=[]"], []),
@@ -110,8 +110,8 @@ def test_every_view_and_rendering_is_offered(settings):
         (["cams=dep_front", "reward=vlm_text"], ["dep_front"]),
     ],
 )
-def test_chosen_cameras_are_a_plain_list_in_their_order(given, chosen):
-    values = composing.compose(given, "config")
+def test_chosen_cameras_are_a_plain_list_in_their_order(words, chosen):
+    values = composing.compose(words, "config")
     assert values["cams"] == chosen
     assert values["reward"].get("cams", chosen) == chosen
     assert "cameras" not in values
@@ -167,10 +167,10 @@ def test_a_file_that_was_taken_away_is_no_longer_offered(monkeypatch, tmp_path):
     ],
 )
 def test_a_view_of_a_folder_is_part_of_a_config_that_names_it(words, views):
-    found = composing.compose(words, "config")["views"]
-    asked = ["combinations=rgb_front+dep_wrist", "views.wrist.fovy=60"]
-    probed = composing.compose(asked, "probe")["views"]
-    assert [*found] == [*options("view"), *views]
+    composed = composing.compose(words, "config")["views"]
+    probe_words = ["combinations=rgb_front+dep_wrist", "views.wrist.fovy=60"]
+    probed = composing.compose(probe_words, "probe")["views"]
+    assert [*composed] == [*options("view"), *views]
     assert ([*probed], probed["wrist"]["fovy"]) == ([*options("view"), "wrist"], 60)
 
 

@@ -18,16 +18,16 @@ VIEW = {**yaml.safe_load((composing.CONF / "view/front.yaml").read_text()), "azi
 @pytest.fixture
 def folder(tmp_path):
     """A config folder of one's own, with a space in its name."""
-    own = tmp_path / "my conf"
+    conf = tmp_path / "my conf"
     for name, values in (
         ("view/left", VIEW),
         ("rendering/hoop", {"colour": "flat", "depth": "none", "colours": {"hoop": [9, 9, 9]}}),
         ("task/tight", {"defaults": ["standard", "_self_"], "hoop_opening": 0.0085}),
         ("reward/mine", {"defaults": ["human", "_self_"], "lift": 5.0}),
     ):
-        (own / name).parent.mkdir(parents=True)
-        (own / f"{name}.yaml").write_text(yaml.safe_dump(values))
-    return own
+        (conf / name).parent.mkdir(parents=True)
+        (conf / f"{name}.yaml").write_text(yaml.safe_dump(values))
+    return conf
 
 
 def half(signals, most=4.0):
@@ -59,10 +59,10 @@ def test_commands_and_training_take_it(folder, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("sys.argv", ["train.py"])
     words = [f"conf_dir={folder}", "cams=hoop_left", "reward=mine", "--cfg", "job"]
     main(["train", *words])
-    said = yaml.safe_load(capsys.readouterr().out)
-    assert list(said["cameras"]) == ["hoop_left"]
-    assert said["views"]["left"]["azimuth"] == 20.0
-    assert said["reward"]["lift"] == 5.0
+    values = yaml.safe_load(capsys.readouterr().out)
+    assert list(values["cameras"]) == ["hoop_left"]
+    assert values["views"]["left"]["azimuth"] == 20.0
+    assert values["reward"]["lift"] == 5.0
 
 
 @pytest.mark.parametrize(
@@ -136,11 +136,11 @@ def test_a_function_is_an_option_in_a_config_folder_of_one_s_own(tmp_path):
     values = {"defaults": ["python", "_self_"], "function": "test_own_parts:half", "name": "mine"}
     (tmp_path / "reward").mkdir()
     (tmp_path / "reward/mine.yaml").write_text(yaml.safe_dump({**values, "values": {"most": 7.0}}))
-    found = compose_settings([f"conf_dir={tmp_path}", "reward=mine"])
-    reward = load_reward(found.reward)
+    settings = compose_settings([f"conf_dir={tmp_path}", "reward=mine"])
+    reward = load_reward(settings.reward)
     assert reward.values == {"most": 7.0}
     assert "def half" in rewards.text(reward)
-    assert reward_name(found.reward) == "mine"
+    assert reward_name(settings.reward) == "mine"
     with pytest.raises(ValueError, match=r"choose from .*file.*python"):
         compose_settings(["reward.kind=yours"])
 

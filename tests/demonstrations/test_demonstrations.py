@@ -49,25 +49,25 @@ def export(out: Path, *words: str) -> int:
 
 
 def test_demonstrations_are_whole_episodes(shown):
-    for one in shown:
-        t = len(one)
-        assert one.success
-        assert one.terminated
-        assert one.images["dep_front"].shape == (t + 1, 32, 32, 4)
-        assert one.images["seg_side"].shape == (t + 1, 32, 32, 3)
-        assert one.vectors["proprio"].shape == (t + 1, 8)
-        assert one.actions.shape == (t, 5)
-        assert np.abs(one.actions).max() <= 1
+    for episode in shown:
+        t = len(episode)
+        assert episode.success
+        assert episode.terminated
+        assert episode.images["dep_front"].shape == (t + 1, 32, 32, 4)
+        assert episode.images["seg_side"].shape == (t + 1, 32, 32, 3)
+        assert episode.vectors["proprio"].shape == (t + 1, 8)
+        assert episode.actions.shape == (t, 5)
+        assert np.abs(episode.actions).max() <= 1
         # An episode's rewards add up to its last potential.
-        assert 10.4 < one.rewards.sum() < 12.2
-        assert not np.array_equal(one.images["seg_side"][0], one.images["seg_side"][-1])
+        assert 10.4 < episode.rewards.sum() < 12.2
+        assert not np.array_equal(episode.images["seg_side"][0], episode.images["seg_side"][-1])
 
 
-@pytest.mark.parametrize("who", ["smooth", "perturbed"])
-def test_a_demonstration_does_not_depend_on_how_many_there_are(who):
+@pytest.mark.parametrize("name", ["smooth", "perturbed"])
+def test_a_demonstration_does_not_depend_on_how_many_there_are(name):
     settings = replace(compose_settings(WORDS), cams=("seg_side",), image_size=8)
-    (alone,) = demonstrate(settings, scripted(who, TASK), 1)
-    first, _ = demonstrate(settings, scripted(who, TASK), 2)
+    (alone,) = demonstrate(settings, scripted(name, TASK), 1)
+    first, _ = demonstrate(settings, scripted(name, TASK), 2)
     assert np.array_equal(alone.actions, first.actions)
     assert np.array_equal(alone.images["seg_side"], first.images["seg_side"])
 
@@ -84,11 +84,11 @@ def test_a_task_is_demonstrated_by_its_teacher_where_nobody_is_named(tmp_path, c
 
 def test_a_robot_of_ones_own_has_names_of_its_own():
     robot = replace(TASK.robot, body="gantry", proprio=("tool_midpoint", "jaw"))
-    own = replace(TASK, robot=robot, controllers={"expert": None}, teacher="expert")
-    assert proprio_names(own) == ["tool_midpoint_0", "tool_midpoint_1", "tool_midpoint_2", "jaw"]
+    task = replace(TASK, robot=robot, controllers={"expert": None}, teacher="expert")
+    assert proprio_names(task) == ["tool_midpoint_0", "tool_midpoint_1", "tool_midpoint_2", "jaw"]
     assert proprio_names(TASK)[-3:] == ["wrist_yaw", "jaw", "jaw_command"]
     with pytest.raises(ValueError, match=r"'smooth' is unknown; choose from expert, perturbed, or"):
-        scripted("smooth", own)
+        scripted("smooth", task)
 
 
 def test_each_arms_actions_have_names(tmp_path):
@@ -131,9 +131,9 @@ def test_torchrl_reads_what_was_done(tmp_path, minari_folder, monkeypatch, shown
     )
     assert len(replay) == sum(map(len, shown))
     steps = replay[:]
-    actions = np.concatenate([one.actions for one in shown])
+    actions = np.concatenate([episode.actions for episode in shown])
     assert np.array_equal(steps["action"].numpy(), actions)
-    seen = np.concatenate([one.images["dep_front"][1:] for one in shown])
+    seen = np.concatenate([episode.images["dep_front"][1:] for episode in shown])
     assert np.array_equal(steps["next", "observation", "dep_front"].numpy(), seen)
     assert int(steps["next", "done"].sum()) == 3
 
@@ -147,7 +147,7 @@ def test_lerobot_layout_holds_what_was_done(lerobot_folder, shown):
     place = {"chunk_index": 0, "file_index": 0}
     table = pq.read_table(out / info["data_path"].format(**place))
     rows = table.to_pydict()
-    columns = {name for name, one in info["features"].items() if one["dtype"] != "video"}
+    columns = {name for name, feature in info["features"].items() if feature["dtype"] != "video"}
     assert set(rows) == columns
     means = json.loads((out / "meta/stats.json").read_text())
     actions = np.concatenate([f.actions for f in shown])
@@ -159,9 +159,9 @@ def test_lerobot_layout_holds_what_was_done(lerobot_folder, shown):
     assert sum(rows["next.success"]) == 3
     episodes = pq.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
     for episode, done in zip(episodes, shown, strict=True):
-        own = slice(episode["dataset_from_index"], episode["dataset_to_index"])
-        assert rows["frame_index"][own] == list(range(len(done)))
-        assert set(rows["episode_index"][own]) == {episode["episode_index"]}
+        frames = slice(episode["dataset_from_index"], episode["dataset_to_index"])
+        assert rows["frame_index"][frames] == list(range(len(done)))
+        assert set(rows["episode_index"][frames]) == {episode["episode_index"]}
 
 
 def film_of(folder: Path, name: str) -> Path:
@@ -171,15 +171,15 @@ def film_of(folder: Path, name: str) -> Path:
 # imageio-ffmpeg leaves its pipes for the garbage collector to close.
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_lerobot_films_show_what_was_seen(lerobot_folder, shown):
-    wanted = np.concatenate([one.images["dep_front"][:-1, ..., :3] for one in shown])
+    expected = np.concatenate([episode.images["dep_front"][:-1, ..., :3] for episode in shown])
     with imageio.get_reader(film_of(lerobot_folder, "dep_front")) as film:
-        found = np.stack([np.asarray(frame) for frame in film])
+        frames = np.stack([np.asarray(frame) for frame in film])
         assert film.get_meta_data()["fps"] == 25
-    assert found.shape == wanted.shape
+    assert frames.shape == expected.shape
     # Compressed, so not to the bit; but each frame is nearest to its own.
-    apart = np.abs(found.astype(int) - wanted)
+    apart = np.abs(frames.astype(int) - expected)
     assert apart.mean() < 3
-    assert apart[40].mean() < np.abs(found[40].astype(int) - wanted[30]).mean()
+    assert apart[40].mean() < np.abs(frames[40].astype(int) - expected[30]).mean()
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
@@ -209,9 +209,9 @@ def test_lerobot_depth_is_what_the_camera_gave(tmp_path, lerobot_folder, shown, 
 
     view = compose_settings(WORDS).views["front"]
     assert (near, far) == (view.near, view.far)
-    nearness = np.concatenate([one.images["dep_front"][:-1, ..., 3] for one in shown]) / 255
-    given = view.far - nearness * (view.far - view.near)
-    assert np.abs(depth - given).max() <= (far - near) / 4095
+    nearness = np.concatenate([episode.images["dep_front"][:-1, ..., 3] for episode in shown]) / 255
+    expected = view.far - nearness * (view.far - view.near)
+    assert np.abs(depth - expected).max() <= (far - near) / 4095
     stats = json.loads((out / "meta/stats.json").read_text())["observation.images.dep_front_depth"]
     assert near <= stats["min"][0][0][0] < stats["mean"][0][0][0] < stats["max"][0][0][0] <= far
 
@@ -232,7 +232,7 @@ def test_open_h_has_recoveries_first_and_then_failures(tmp_path):
         place = {"episode_chunk": 0, "episode_index": number}
         rows = pq.read_table(out / info["data_path"].format(**place)).to_pydict()
         film = out / info["video_path"].format(video_key="observation.images.rgb_wrist", **place)
-        assert set(rows) == {k for k, one in info["features"].items() if one["dtype"] != "video"}
+        assert set(rows) == {k for k, item in info["features"].items() if item["dtype"] != "video"}
         assert rows["index"] == list(range(frames, frames + length))
         assert set(rows["episode_index"]) == {number}
         assert rows["next.success"][-1] == (kind == "recovery")

@@ -19,12 +19,12 @@ SIDE = 32
 
 def drawn(lead: tuple[int, ...], free: float = 0.5, **amounts: object) -> dict[str, Drawn]:
     """What was drawn for each axis: nothing, but for some amounts by key, a ``_`` for its dot."""
-    found = {}
+    draws = {}
     for key, axis in AXES.items():
-        given = torch.as_tensor(amounts.get(key.replace(".", "_"), 0.0), dtype=torch.float64)
-        amount = torch.zeros(*lead, axis.size).double() + given
-        found[key] = Drawn(amount, torch.full((*lead, axis.free), free).double())
-    return found
+        value = torch.as_tensor(amounts.get(key.replace(".", "_"), 0.0), dtype=torch.float64)
+        amount = torch.zeros(*lead, axis.size).double() + value
+        draws[key] = Drawn(amount, torch.full((*lead, axis.free), free).double())
+    return draws
 
 
 def frame() -> Frame:
@@ -42,11 +42,11 @@ def frame() -> Frame:
 def spoilt(seen: Frame, amounts: dict[str, float], place: float = 0.5) -> Frame:
     """What a view makes of a frame under such amounts of its axes."""
     sensors = Sensors(1, ("front",), SIDE, torch.device("cpu"))
-    own = drawn((1, 1), place, **{f"picture_{name}": amount for name, amount in amounts.items()})
-    sensors.set(torch.tensor([0]), **flaws(own))
-    found = Frame(*(one if one is None else one.clone() for one in seen))
-    sensors.spoiler(torch.tensor([0]), torch.full((1, 3), 0.3))("front", found, slice(0, 1))
-    return found
+    draws = drawn((1, 1), place, **{f"picture_{name}": amount for name, amount in amounts.items()})
+    sensors.set(torch.tensor([0]), **flaws(draws))
+    result = Frame(*(one if one is None else one.clone() for one in seen))
+    sensors.spoiler(torch.tensor([0]), torch.full((1, 3), 0.3))("front", result, slice(0, 1))
+    return result
 
 
 AMOUNTS = {
@@ -67,23 +67,23 @@ AMOUNTS = {
 def test_an_axis_of_pictures_touches_what_it_would_in_a_real_camera(name):
     amount, touched = AMOUNTS[name]
     seen, none = frame(), spoilt(frame(), {name: 0.0})
-    found = spoilt(seen, {name: amount})
+    flawed = spoilt(seen, {name: amount})
     for field in Frame._fields:
         assert torch.equal(getattr(none, field), getattr(seen, field))
-        same = torch.equal(getattr(found, field), getattr(seen, field))
+        same = torch.equal(getattr(flawed, field), getattr(seen, field))
         assert same == (field not in touched), field
         # A camera without the other channels shows the same.
         alone = Frame(None, None, None)._replace(**{field: getattr(seen, field)})
-        own = spoilt(alone, {name: amount})
-        assert torch.equal(getattr(own, field), getattr(found, field))
+        flawed_alone = spoilt(alone, {name: amount})
+        assert torch.equal(getattr(flawed_alone, field), getattr(flawed, field))
 
 
 def test_exposure_contrast_and_white_balance_act_one_after_the_other():
-    found = spoilt(frame(), {"brightness": 0.1, "contrast": -0.2, "cast": 0.05}).bgra
+    image = spoilt(frame(), {"brightness": 0.1, "contrast": -0.2, "cast": 0.05}).bgra
     for before in (100.0, 160.0):
         after = ((before * 1.1 - 128.0) * 0.8 + 128.0) * 1.05
         place = 0 if before == 100.0 else -1
-        assert found[0, 0, place].tolist() == [*[int(after + 0.5)] * 3, 255]
+        assert image[0, 0, place].tolist() == [*[int(after + 0.5)] * 3, 255]
 
 
 def test_noise_has_its_deviation_and_differs_by_channel():
@@ -95,9 +95,9 @@ def test_noise_has_its_deviation_and_differs_by_channel():
 
 
 def test_depth_without_a_reading_stays_without_one():
-    found = spoilt(frame(), {"depth_noise": 0.01}).depth
-    assert bool((found[:, 0] == 0).all())
-    assert float(found[:, 1:].std()) == pytest.approx(0.01, rel=0.15)
+    depth = spoilt(frame(), {"depth_noise": 0.01}).depth
+    assert bool((depth[:, 0] == 0).all())
+    assert float(depth[:, 1:].std()) == pytest.approx(0.01, rel=0.15)
     step = spoilt(frame(), {"depth_step": 0.03}).depth
     assert step[0, 1].tolist() == pytest.approx([0.39] * SIDE)
 
@@ -111,23 +111,23 @@ def test_labels_flip_along_edges_alone():
 
 
 def test_a_drop_covers_its_share():
-    found = spoilt(frame(), {"cover": 0.1})
-    assert float((found.geom == -1).float().mean()) == pytest.approx(0.1, abs=0.01)
+    flawed = spoilt(frame(), {"cover": 0.1})
+    assert float((flawed.geom == -1).float().mean()) == pytest.approx(0.1, abs=0.01)
     at_the_corner = spoilt(frame(), {"cover": 0.1}, place=0.0)
     assert float((at_the_corner.geom == -1).float().mean()) == pytest.approx(0.025, abs=0.01)
 
 
 def test_blur_keeps_the_mean_and_blends_the_edge():
     seen = frame()
-    found = spoilt(seen, {"blur": 1.0}).bgra
-    assert float(found.float().mean()) == pytest.approx(float(seen.bgra.float().mean()), rel=2e-3)
-    assert 100 < int(found[0, 5, SIDE // 2, 0]) < 160
+    image = spoilt(seen, {"blur": 1.0}).bgra
+    assert float(image.float().mean()) == pytest.approx(float(seen.bgra.float().mean()), rel=2e-3)
+    assert 100 < int(image[0, 5, SIDE // 2, 0]) < 160
     # Its width: the edge's slope is a Gaussian of 1 px, cut off at three of them.
-    slope = found[0, 5, :, 0].float().diff()
+    slope = image[0, 5, :, 0].float().diff()
     at = torch.arange(len(slope)) - (SIDE // 2 - 1)
     assert float((slope * at**2).sum() / slope.sum()) == pytest.approx(1.0, abs=0.15)
     level = Frame(seen.bgra.transpose(1, 2).contiguous(), None, None)
-    assert torch.equal(spoilt(level, {"blur": 1.0}).bgra, found.transpose(1, 2))
+    assert torch.equal(spoilt(level, {"blur": 1.0}).bgra, image.transpose(1, 2))
 
 
 def test_a_camera_is_shifted_turned_zoomed_and_drifts():
@@ -135,9 +135,9 @@ def test_a_camera_is_shifted_turned_zoomed_and_drifts():
     start = torch.zeros(1, 2, 3, dtype=torch.float64), eye.expand(1, 2, 3, 3)
 
     def placed(**amounts):
-        own = optics.moved(drawn((1, 2), **amounts))
+        moved = optics.moved(drawn((1, 2), **amounts))
         half, no = torch.tensor([0.5]), torch.tensor([False, False])
-        return (*optics.cameras(*start, own, half, no), own.zoom)
+        return (*optics.cameras(*start, moved, half, no), moved.zoom)
 
     by = torch.tensor([[[0.01, 0.0, 0.0], [0.0, 0.02, 0.0]]]).double()
     assert torch.equal(placed(camera_shift=by)[0], by)
@@ -149,8 +149,8 @@ def test_a_camera_is_shifted_turned_zoomed_and_drifts():
 
 
 def test_one_view_fails_for_as_long_as_was_drawn():
-    one = Drawn(torch.tensor([[3.0]]), torch.tensor([[0.0, 0.9]]))
-    fails = [failing(one, torch.tensor([step]), 2, 100)[0].tolist() for step in range(6)]
+    failure = Drawn(torch.tensor([[3.0]]), torch.tensor([[0.0, 0.9]]))
+    fails = [failing(failure, torch.tensor([step]), 2, 100)[0].tolist() for step in range(6)]
     assert fails == [[False, False], *[[False, True]] * 3, *[[False, False]] * 2]
 
 
@@ -178,10 +178,10 @@ def test_options_are_the_severities_they_say():
     levels = composing.compose([], "stress")["levels"]
     assert {f"{g}.{name}" for g, axes in levels.items() for name in axes} == set(AXES)
     for option, severity in (("mild", 1), ("moderate", 2), ("severe", 3)):
-        own = compose_settings([f"disturb={option}"]).disturb
+        disturb = compose_settings([f"disturb={option}"]).disturb
         for group in GROUPS:
             expected = {name: row[severity - 1] for name, row in levels[group].items()}
-            assert getattr(own, group) == expected, (option, group)
+            assert getattr(disturb, group) == expected, (option, group)
     for rows in levels.values():
         assert all(row == sorted(row) and len(row) == 5 for row in rows.values())
     assert compose_settings([]).disturb.amounts == {}

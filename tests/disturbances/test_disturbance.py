@@ -36,12 +36,12 @@ def flown(*words: str, steps: int = 25, first: int = 0) -> tuple[list, list]:
     return felt, seen
 
 
-def same(one: list, other: list, rows: slice = slice(None)) -> bool:
+def same(first: list, second: list, rows: slice = slice(None)) -> bool:
     return all(
         torch.equal(a[rows], b)
         if isinstance(a, torch.Tensor)
         else all(torch.equal(a[name][rows], b[name]) for name in a)
-        for a, b in zip(one, other, strict=True)
+        for a, b in zip(first, second, strict=True)
     )
 
 
@@ -52,13 +52,13 @@ def severe() -> tuple[list, list]:
 
 @pytest.mark.parametrize("word", ["engine.threads=3", "engine=dm_control"])
 def test_the_same_bits_on_any_engine_with_any_threads(severe, word):
-    for one, other in zip(severe, flown(*SEVERE, word), strict=True):
-        assert same(one, other)
+    for expected, actual in zip(severe, flown(*SEVERE, word), strict=True):
+        assert same(expected, actual)
 
 
 def test_an_environment_is_disturbed_alike_in_any_batch(severe):
-    for one, other in zip(severe, flown(*SEVERE, "num_envs=1", first=1), strict=True):
-        assert same(one, other, slice(1, 2))
+    for expected, actual in zip(severe, flown(*SEVERE, "num_envs=1", first=1), strict=True):
+        assert same(expected, actual, slice(1, 2))
 
 
 def test_none_dealt_is_as_if_there_were_nothing():
@@ -112,9 +112,9 @@ def test_the_tip_stands_beside_where_it_was_told_to():
     for _ in range(15):
         moment = simulation.step(torch.zeros(2, 5, dtype=torch.float64))
     beside = moment.signals.tool_midpoint - simulation.state["target"]
-    wanted = simulation.disturbance.offset
-    assert float((beside - wanted).abs().max()) < 5e-4
-    assert float(wanted.abs().max()) > 1e-3
+    offset = simulation.disturbance.offset
+    assert float((beside - offset).abs().max()) < 5e-4
+    assert float(offset.abs().max()) > 1e-3
 
 
 def test_commands_come_late_and_the_ramp_grows():

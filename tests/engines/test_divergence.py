@@ -45,16 +45,16 @@ def test_an_episode_that_diverges_is_truncated_and_the_others_go_on(kind, value)
     assert not moment.terminated.any()
     assert moment.facts["diverged"].tolist() == [False, True, False]
     paid = (*moment.terms.values(), moment.potential, moment.reward)
-    for one in (*moment.signals.values(), *paid):
-        assert bool(torch.isfinite(one.double()).all())
+    for tensor in (*moment.signals.values(), *paid):
+        assert bool(torch.isfinite(tensor.double()).all())
     broken.reset(moment.truncated)
-    others = torch.tensor([0, 2])
+    rest = torch.tensor([0, 2])
     for action in actions[2:]:
-        assert torch.equal(moment.potential[others], other.potential[others])
+        assert torch.equal(moment.potential[rest], other.potential[rest])
         moment, other = broken.step(action), whole.step(action)
         assert not moment.facts["diverged"].any()
-    for name, one in broken.engine.snapshot().items():
-        assert torch.equal(one[others], whole.engine.snapshot()[name][others]), name
+    for name, tensor in broken.engine.snapshot().items():
+        assert torch.equal(tensor[rest], whole.engine.snapshot()[name][rest]), name
 
 
 def test_an_evaluation_counts_it(kind):

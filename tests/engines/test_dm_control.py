@@ -16,8 +16,8 @@ KINDS = ("cpu", "dm_control")
 
 def built(kind: str, *words: str):
     cams = [] if any("cams=" in word for word in words) else [CAMS]
-    own = [*cams, "image_size=24", "num_envs=3", "seed=5", "engine.threads=1", f"engine={kind}"]
-    return build(compose_settings([*own, *words]))
+    common = [*cams, "image_size=24", "num_envs=3", "seed=5", "engine.threads=1", f"engine={kind}"]
+    return build(compose_settings([*common, *words]))
 
 
 @pytest.mark.parametrize(
@@ -47,8 +47,8 @@ def test_both_engines_have_the_same_state_sensors_and_images(words):
             moment = one.reset(over)
             other.reset(over)
             ids = over.nonzero().flatten()
-            few, others = one.images(ids), other.images(ids)
-            assert all(torch.equal(few[name], others[name]) for name in few)
+            few, few_again = one.images(ids), other.images(ids)
+            assert all(torch.equal(few[name], few_again[name]) for name in few)
         action = script(moment.signals)
         moment, same = one.step(action), other.step(action)
         assert torch.equal(moment.reward, same.reward)

@@ -22,16 +22,16 @@ CAMS = ["cams=[dep_front,seg_side,segdep_default]"]
 def same_moment(batch, single, env):
     """Assert that row ``env`` of a batch's moment is the single environment's, bit for bit."""
     for name in TABLE:
-        row, one = getattr(batch.signals, name)[env], getattr(single.signals, name)[0]
-        assert torch.equal(row, one), name
+        row, value = getattr(batch.signals, name)[env], getattr(single.signals, name)[0]
+        assert torch.equal(row, value), name
     for field in fields(batch):
         if field.name == "signals":
             continue
-        row, one = getattr(batch, field.name), getattr(single, field.name)
+        row, value = getattr(batch, field.name), getattr(single, field.name)
         if field.name in ("terms", "facts"):
-            assert all(torch.equal(row[name][env], one[name][0]) for name in row)
+            assert all(torch.equal(row[name][env], value[name][0]) for name in row)
         else:
-            assert torch.equal(row[env], one[0]), field.name
+            assert torch.equal(row[env], value[0]), field.name
 
 
 @pytest.mark.parametrize("control", ["tip", "pose"])
@@ -95,7 +95,7 @@ def test_random_actions_at_full_amplitude_keep_the_physics_finite(grasp):
 
     count = 40 if ALL else 8
     settings = compose_settings([f"num_envs={count}", f"episode.grasp={grasp}"])
-    found = shake(settings, episodes=count)
-    assert found.not_finite == 0
-    assert found.outside_table == 0
-    assert found.deep_contacts < 0.005 * found.steps
+    report = shake(settings, episodes=count)
+    assert report.not_finite == 0
+    assert report.outside_table == 0
+    assert report.deep_contacts < 0.005 * report.steps

@@ -112,8 +112,8 @@ def test_a_channel_is_the_same_alone_and_the_others_are_not_made(scene, both, ch
     views = {"side": Channels(False, True, True), "front": Channels(*channels)}
     alone = CpuRasteriser(model, ENVS, views, 64, 1).render(fields["grasp"])["front"]
     whole = both[0].render(fields["grasp"])["front"]
-    for wanted, one, of_all in zip(channels, alone, whole, strict=True):
-        assert torch.equal(one, of_all) if wanted else one is None
+    for needed, channel, of_all in zip(channels, alone, whole, strict=True):
+        assert torch.equal(channel, of_all) if needed else channel is None
 
 
 def test_threads_and_subsets_change_no_bit(scene):
@@ -125,9 +125,9 @@ def test_threads_and_subsets_change_no_bit(scene):
         for ids in (None, torch.tensor([5]), torch.tensor([6, 0, 3]), torch.arange(ENVS)):
             frames = renderer.render(fields["goal"], ids)
             for view, frame in frames.items():
-                for one, of_all in zip(frame, whole[view], strict=True):
-                    if one is not None:
-                        assert torch.equal(one, of_all if ids is None else of_all[ids])
+                for channel, of_all in zip(frame, whole[view], strict=True):
+                    if channel is not None:
+                        assert torch.equal(channel, of_all if ids is None else of_all[ids])
 
 
 @pytest.mark.parametrize("kind", ["one after the other", "at once"])
@@ -144,13 +144,13 @@ def test_an_image_that_is_not_square_shows_the_middle_of_a_wider_one(scene, kind
     whole, part = drawn((120, 64)), drawn((width, 64) if width != 64 else 64)
     left = (120 - width) // 2
     for view, frame in part.items():
-        for name, one, wide in zip(frame._fields, frame, whole[view], strict=True):
-            own = wide[:, :, left : left + width]
-            assert one.shape == own.shape == (ENVS, 64, width, *one.shape[3:])
+        for name, channel, wide in zip(frame._fields, frame, whole[view], strict=True):
+            middle = wide[:, :, left : left + width]
+            assert channel.shape == middle.shape == (ENVS, 64, width, *channel.shape[3:])
             if name == "depth":
-                assert torch.allclose(one, own, rtol=0.0, atol=1e-6)
+                assert torch.allclose(channel, middle, rtol=0.0, atol=1e-6)
             else:
-                assert torch.equal(one, own), (view, name)
+                assert torch.equal(channel, middle), (view, name)
 
 
 @pytest.mark.parametrize("size", [(96, 48), (48, 80)])

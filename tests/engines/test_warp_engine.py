@@ -60,17 +60,17 @@ def test_the_expert_succeeds_in_all_of_many_episodes(task, grasp):
 
 def test_it_stays_near_the_cpu_engine_and_shows_the_same():
     cams = "cams=[rgb_front,dep_side,seg_wrist]"
-    ours, theirs = built(cams), build(compose_settings([cams, "num_envs=3", "engine.threads=1"]))
-    act, one, other = teacher(ours), ours.reset(), theirs.reset()
+    warp, cpu = built(cams), build(compose_settings([cams, "num_envs=3", "engine.threads=1"]))
+    act, moment, expected = teacher(warp), warp.reset(), cpu.reset()
     for step in range(15):
         if step in (0, 10):
-            apart = (one.signals.needle_tip - other.signals.needle_tip).norm(dim=-1)
+            apart = (moment.signals.needle_tip - expected.signals.needle_tip).norm(dim=-1)
             assert float(apart.max()) < 2e-5
-            images, same = ours.images(), theirs.images()
+            images, same = warp.images(), cpu.images()
             for name, image in images.items():
                 assert float((image != same[name]).float().mean()) < 1e-3, name
-        action = act(other.signals)
-        one, other = ours.step(action), theirs.step(action)
+        action = act(expected.signals)
+        moment, expected = warp.step(action), cpu.step(action)
 
 
 def test_the_same_seed_gives_the_same_bits_and_a_reset_touches_no_others():
@@ -176,24 +176,24 @@ def test_images_drawn_at_once_are_those_drawn_one_after_the_other(disturb, share
     model, renderer = simulation.engine.model, simulation.engine._renderer
     at_once = ParallelRasteriser(model, settings.num_envs, views, size, torch.device("cpu"))
     for ids in (None, torch.tensor([6, 1])):
-        wanted = renderer.render(fields, ids)
+        expected = renderer.render(fields, ids)
         for view, frame in at_once.render(fields, ids).items():
-            for name, one, other in zip(Frame._fields, frame, wanted[view], strict=True):
-                assert (one is None) == (other is None)
-                if one is not None and name == "depth":
-                    assert torch.allclose(one, other, rtol=0.0, atol=1e-6)
-                elif one is not None:
-                    assert float((one != other).float().mean()) <= share, (view, name)
+            for name, channel, other in zip(Frame._fields, frame, expected[view], strict=True):
+                assert (channel is None) == (other is None)
+                if channel is not None and name == "depth":
+                    assert torch.allclose(channel, other, rtol=0.0, atol=1e-6)
+                elif channel is not None:
+                    assert float((channel != other).float().mean()) <= share, (view, name)
 
 
 def test_pictures_spoilt_at_once_are_those_spoilt_one_after_the_other(monkeypatch):
     simulation, fields = flown(SEVERE)
     simulation.engine._renderer.render(fields)
     one_by_one = simulation.images()
-    own = simulation.disturbance._sensors
-    room, n = own._room, simulation.num_envs
-    monkeypatch.setattr(own, "_stride", room)
-    monkeypatch.setattr(own, "_room", n * room)
+    sensors = simulation.disturbance._sensors
+    room, n = sensors._room, simulation.num_envs
+    monkeypatch.setattr(sensors, "_stride", room)
+    monkeypatch.setattr(sensors, "_room", n * room)
     for name, image in simulation.images().items():
         assert torch.equal(image, one_by_one[name])
 

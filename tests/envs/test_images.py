@@ -47,8 +47,8 @@ def test_a_depth_image_is_the_colour_image_with_one_more_channel(shown):
 def test_a_flat_image_holds_the_palette_and_black_only(shown):
     settings, images = shown
     palette = {(0, 0, 0), *map(tuple, settings.renderings["seg"].colours.values())}
-    found = images["seg_side"].permute(0, 2, 3, 1).reshape(-1, 3).unique(dim=0)
-    assert {tuple(colour) for colour in found.tolist()} == palette
+    colours = images["seg_side"].permute(0, 2, 3, 1).reshape(-1, 3).unique(dim=0)
+    assert {tuple(colour) for colour in colours.tolist()} == palette
 
 
 def test_depth_shading_keeps_the_classes_and_darkens_what_is_far(shown):

@@ -33,12 +33,12 @@ def test_one_environment_gives_what_gymnasium_s_own_vector_environment_gives(mod
         "cams": ["seg_side"],
         "overrides": [*words, "episode.max_steps=4", "image_size=32"],
     }
-    theirs = SyncVectorEnv([lambda: gymnasium.make(ID, **kwargs)], autoreset_mode=mode)
-    assert ours.observation_space == theirs.observation_space
-    assert data_equivalence(ours.reset(seed=3), theirs.reset(seed=3), exact=True)
+    reference = SyncVectorEnv([lambda: gymnasium.make(ID, **kwargs)], autoreset_mode=mode)
+    assert ours.observation_space == reference.observation_space
+    assert data_equivalence(ours.reset(seed=3), reference.reset(seed=3), exact=True)
     for action in actions(11, 1):
-        one, other = ours.step(action), theirs.step(action)
-        assert data_equivalence(one, other, exact=True)
+        step, expected = ours.step(action), reference.step(action)
+        assert data_equivalence(step, expected, exact=True)
 
 
 @pytest.mark.parametrize("mode", [NEXT, SAME, DISABLED])
@@ -65,7 +65,7 @@ def test_it_gives_the_bits_of_torchrl_whatever_the_mode(mode):
             continue
         assert step % 5 == 0
         if mode == SAME:
-            final = {k: np.stack([one[k] for one in infos["final_obs"]]) for k in seen}
+            final = {k: np.stack([obs[k] for obs in infos["final_obs"]]) for k in seen}
             compare(final, whole["next"])
             potential = infos["final_info"]["potential"].astype(np.float32)
             assert np.array_equal(potential, whole["next", "potential"][:, 0])
@@ -94,8 +94,8 @@ def test_environments_that_end_at_different_times_do_not_disturb_each_other(mode
     env, alone = make(2, mode, max_steps=6), make(2, DISABLED, max_steps=6)
     seen, _ = env.reset(seed=1)
     calm, _ = alone.reset(seed=1)
-    given = actions(5, 2)
-    for action in given[:2]:
+    moves = actions(5, 2)
+    for action in moves[:2]:
         seen, *_ = env.step(action)
         calm, *_ = alone.step(action)
     # Environment 0 begins anew; environment 1 is two steps ahead of it from here on.
@@ -105,7 +105,7 @@ def test_environments_that_end_at_different_times_do_not_disturb_each_other(mode
     assert np.array_equal(seen["seg_side"][1], calm["seg_side"][1])
     assert not np.array_equal(seen["seg_side"][0], calm["seg_side"][0])
     ends = []
-    for action in given[2:]:
+    for action in moves[2:]:
         seen, rewards, _, truncated, _ = env.step(action)
         calm, paid, *_ = alone.step(action)
         assert rewards[1] == paid[1]
@@ -113,7 +113,7 @@ def test_environments_that_end_at_different_times_do_not_disturb_each_other(mode
         assert np.array_equal(seen["seg_side"][1], calm["seg_side"][1])
         ends.append(truncated.tolist())
     assert ends == [[False, False]] * 3
-    *_, truncated, infos = env.step(given[0])
+    *_, truncated, infos = env.step(moves[0])
     assert truncated.tolist() == [False, True]
     if mode == SAME:
         assert infos["steps"].tolist() == [4, 0]
@@ -121,11 +121,11 @@ def test_environments_that_end_at_different_times_do_not_disturb_each_other(mode
         assert infos["final_obs"][0] is None
         assert infos["final_obs"][1] in env.single_observation_space
     elif mode == NEXT:
-        *_, infos = env.step(given[0])
+        *_, infos = env.step(moves[0])
         assert infos["steps"].tolist() == [5, 0]
     else:
         with pytest.raises(ResetNeeded, match=r"\[1\]"):
-            env.step(given[0])
+            env.step(moves[0])
 
 
 def test_what_is_handed_out_is_the_caller_s():
@@ -149,12 +149,12 @@ def test_pictures_are_of_each_environment_as_it_is_now():
         ID, num_envs=2, cams=["seg_side"], render_mode="rgb_array", render_size=48
     )
     env.reset(seed=0)
-    one, two = env.render()
-    assert one.shape == two.shape == (48, 48, 3)
-    assert not np.array_equal(one, two)
+    first, second = env.render()
+    assert first.shape == second.shape == (48, 48, 3)
+    assert not np.array_equal(first, second)
     for _ in range(8):
         env.step(np.array([[-1, 0, 0, 0, 0]] * 2))
-    assert (env.render()[0] != one).any(-1).mean() > 0.01
+    assert (env.render()[0] != first).any(-1).mean() > 0.01
 
 
 def test_a_mistake_is_told_by_its_key():

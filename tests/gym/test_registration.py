@@ -53,7 +53,7 @@ def test_importing_needlehoop_imports_nothing_heavy_and_registers_later():
 
 
 def test_a_forgotten_extra_is_one_line_with_the_command():
-    said = python("""
+    output = python("""
 import sys
 sys.modules["stable_baselines3"] = None
 import needlehoop
@@ -62,5 +62,5 @@ try:
 except ImportError as error:
     print(error)
 """)
-    assert "pip install 'needlehoop[sb3]'" in said
-    assert "\n" not in said
+    assert "pip install 'needlehoop[sb3]'" in output
+    assert "\n" not in output

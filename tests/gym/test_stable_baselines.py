@@ -18,16 +18,16 @@ def actions(steps, n):
 
 def test_one_environment_gives_what_their_own_wrapper_gives():
     settings = compose_settings(["cams=[dep_front]", *WORDS])
-    theirs = DummyVecEnv([lambda: GymnasiumEnv(settings, "first")])
+    reference = DummyVecEnv([lambda: GymnasiumEnv(settings, "first")])
     ours = needlehoop.make_sb3(["dep_front"], num_envs=1, overrides=WORDS)
-    assert ours.observation_space == theirs.observation_space
-    for env in (ours, theirs):
+    assert ours.observation_space == reference.observation_space
+    for env in (ours, reference):
         env.seed(4)
-    assert np.array_equal(ours.reset()["dep_front"], theirs.reset()["dep_front"])
-    assert {**theirs.reset_infos[0], "is_success": False} == ours.reset_infos[0]
+    assert np.array_equal(ours.reset()["dep_front"], reference.reset()["dep_front"])
+    assert {**reference.reset_infos[0], "is_success": False} == ours.reset_infos[0]
     for step, action in enumerate(actions(12, 1), 1):
         seen, reward, done, (info,) = ours.step(action)
-        other_seen, other_reward, other_done, (other,) = theirs.step(action)
+        other_seen, other_reward, other_done, (other,) = reference.step(action)
         assert np.array_equal(seen["dep_front"], other_seen["dep_front"])
         assert np.array_equal(reward, other_reward)
         assert reward.dtype == other_reward.dtype

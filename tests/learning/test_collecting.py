@@ -34,9 +34,9 @@ CLOCKS = {"seconds_collect", "seconds_update"}
 
 
 def job_of(*words: str) -> Job:
-    own = [word for word in words if word.startswith("algo=")]
+    method = [word for word in words if word.startswith("algo=")]
     rest = [word for word in words if not word.startswith("algo=")]
-    return typed_job(composing.compose([*own, *SMALL, *rest], "job"))
+    return typed_job(composing.compose([*method, *SMALL, *rest], "job"))
 
 
 def learnt(job: Job, updates: int | None = None, state: Any = None) -> tuple[Any, ...]:
@@ -53,8 +53,8 @@ def learnt(job: Job, updates: int | None = None, state: Any = None) -> tuple[Any
 
 
 def said_of(buffer, losses) -> str:
-    own = {name: value for name, value in losses.items() if name not in CLOCKS}
-    return str({**own, "seen": float(buffer["next", "reward"].double().sum())})
+    numbers = {name: value for name, value in losses.items() if name not in CLOCKS}
+    return str({**numbers, "seen": float(buffer["next", "reward"].double().sum())})
 
 
 def saved(learner: Learner) -> bytes:
@@ -127,10 +127,10 @@ def test_images_are_folded_where_they_are_made_and_resets_renew_those_that_began
 def test_buffers_are_flown_again_from_their_actions(by_two):
     job = job_of(*METHODS["sac"])
     again = flown_again(job, torch.stack([buffer["action"] for buffer in by_two.buffers]))
-    for one, other in zip(by_two.buffers, again, strict=True):
+    for buffer, repeated in zip(by_two.buffers, again, strict=True):
         for key in (("pixels", "seg_side"), "proprio", ("next", "pixels", "dep_front")):
-            assert torch.equal(one[key], other[key]), key
-        assert torch.equal(one["next", "reward"], other["next", "reward"])
+            assert torch.equal(buffer[key], repeated[key]), key
+        assert torch.equal(buffer["next", "reward"], repeated["next", "reward"])
 
 
 def test_the_environment_is_one_of_torchrls():

@@ -34,12 +34,12 @@ def test_the_expert_labels_what_it_flies_and_what_the_learner_flies():
     turns = [(buffer.clone(), told) for buffer, told in taught]
     first, told = turns[0]
     assert told["share"] < 0.3
-    own = first[LEARNER].squeeze(-1)
+    is_learner = first[LEARNER].squeeze(-1)
     # Episodes of six steps: the first are all the expert's.
-    assert not own[:, :6].any()
-    assert torch.equal(first["action"][~own], first["label"][~own])
+    assert not is_learner[:, :6].any()
+    assert torch.equal(first["action"][~is_learner], first["label"][~is_learner])
     # Those of the expert's do not count as the learner's.
-    assert not first["next", "done"][~own].any()
+    assert not first["next", "done"][~is_learner].any()
     last, told = turns[-1]
     assert told["share"] == 1.0
     assert last[LEARNER].all()

@@ -23,19 +23,19 @@ def random_images(*shape: int) -> torch.Tensor:
 def make_agent(cameras: dict[str, int], vectors: dict[str, int], **heads) -> ValueAgent:
     """An agent of cameras with so many channels, and of vectors so long."""
     torch.manual_seed(0)
-    own = PolicySpec(cameras, 16, vectors, SMALL, replace(HEADS, **heads), "tool", 5, "fp32")
-    return ValueAgent(own, torch.device("cpu"))
+    spec = PolicySpec(cameras, 16, vectors, SMALL, replace(HEADS, **heads), "tool", 5, "fp32")
+    return ValueAgent(spec, torch.device("cpu"))
 
 
 def observed(n: int, cameras: dict[str, int], vectors: dict[str, int]) -> TensorDict:
     """What ``n`` environments may show to such an agent, drawn at random."""
     pixels = {name: random_images(n, channels, 16, 16) for name, channels in cameras.items()}
     facts = {name: torch.rand(n, 1) < 0.5 for name in ("grasped", "lifted")}
-    others = {name: torch.randn(n, size) for name, size in vectors.items()}
-    return TensorDict({"pixels": pixels, "facts": facts, **others}, [n])
+    numbers = {name: torch.randn(n, size) for name, size in vectors.items()}
+    return TensorDict({"pixels": pixels, "facts": facts, **numbers}, [n])
 
 
-def said(agent: ValueAgent, seen: TensorDict) -> tuple[torch.Tensor, ...]:
+def outputs(agent: ValueAgent, seen: TensorDict) -> tuple[torch.Tensor, ...]:
     """Mean, deviation and value of an observation."""
     fold, trunk = agent.actor.fold, agent.actor.trunk
     read = [fold(seen[key]) if key[0] == "pixels" else seen[key] for key in agent.seen_keys]
@@ -72,8 +72,8 @@ def test_an_encoder_gives_a_vector_per_image_about_the_same_in_bfloat16():
     exact, rough = (encoder(dtype)(folded) for dtype in (torch.float32, torch.bfloat16))
     assert exact.shape == (5, 8)
     assert exact.std() > 0
-    one = encoder(torch.float32)(folded.view(1, 5, 8, 8, 12)[:, 2:3])
-    torch.testing.assert_close(one[0], exact[2:3])
+    single = encoder(torch.float32)(folded.view(1, 5, 8, 8, 12)[:, 2:3])
+    torch.testing.assert_close(single[0], exact[2:3])
     assert exact.dtype == rough.dtype == torch.float32
     assert not torch.equal(exact, rough)
     torch.testing.assert_close(rough, exact, rtol=0.0, atol=0.05 * float(exact.detach().max()))
@@ -82,17 +82,17 @@ def test_an_encoder_gives_a_vector_per_image_about_the_same_in_bfloat16():
 @pytest.mark.parametrize("name", ENCODERS)
 def test_every_encoder_of_the_config_reads_an_image_of_the_usual_size(name):
     values = composing.compose(["cams=[dep_front]", f"encoder={name}"], "config")
-    own, size = strict.structure(values["encoder"], EncoderConfig), values["image_size"]
-    encoder = Encoder(torch.Size((4, size, size)), own, 8, torch.float32)
-    assert encoder(Fold(own.stem)(random_images(1, 4, size, size))).shape == (1, 8)
+    config, size = strict.structure(values["encoder"], EncoderConfig), values["image_size"]
+    encoder = Encoder(torch.Size((4, size, size)), config, 8, torch.float32)
+    assert encoder(Fold(config.stem)(random_images(1, 4, size, size))).shape == (1, 8)
 
 
 def test_an_image_that_does_not_fit_is_refused_with_what_would():
     narrow = EncoderConfig(name="narrow", stem=4, channels=(4, 4), blocks=1)
     narrow.check_fit(16)
     for size in (12, 66):
-        said = rf"image_size: {size} .*encoder=narrow: .*multiple of 4, at least 16$"
-        with pytest.raises(ValueError, match=said):
+        message = rf"image_size: {size} .*encoder=narrow: .*multiple of 4, at least 16$"
+        with pytest.raises(ValueError, match=message):
             narrow.check_fit(size)
 
 
@@ -116,10 +116,10 @@ def test_a_normalizer_knows_mean_and_variance_of_all_it_was_shown():
 
 
 def test_an_agent_reads_the_keys_it_names_and_begins_with_the_sigma_of_the_config():
-    own = {"rgb_a": 3, "dep_b": 4}, {"proprio": 8, "signals": 6}
-    agent = make_agent(*own)
+    inputs = {"rgb_a": 3, "dep_b": 4}, {"proprio": 8, "signals": 6}
+    agent = make_agent(*inputs)
     assert agent.in_keys == [("pixels", "rgb_a"), ("pixels", "dep_b"), "proprio", "signals"]
-    loc, scale, value = said(agent, observed(7, *own))
+    loc, scale, value = outputs(agent, observed(7, *inputs))
     assert value.shape == (7, 1)
     assert loc.std(0).min() > 0
     torch.testing.assert_close(scale, torch.full((7, 5), 0.6))
@@ -129,7 +129,7 @@ def test_a_value_function_of_its_own_leaves_the_policy_alone():
     apart, seen = make_agent({"rgb_a": 3}, {}, shared=False), observed(2, {"rgb_a": 3}, {})
     for output, moved in ((0, 0), (2, 1)):
         apart.zero_grad()
-        said(apart, seen)[output].square().sum().backward()
+        outputs(apart, seen)[output].square().sum().backward()
         grads = [
             [parameter.grad for parameter in trunk.parameters()]
             for trunk in (apart.actor.trunk, apart.value_trunk)
@@ -140,11 +140,11 @@ def test_a_value_function_of_its_own_leaves_the_policy_alone():
 
 def test_a_privileged_fact_moves_the_value_and_not_the_policy():
     agent, seen = make_agent({"rgb_a": 3}, {}, told=("lifted",)), observed(2, {"rgb_a": 3}, {})
-    loc, _, value = said(agent, seen)
+    loc, _, value = outputs(agent, seen)
     for fact, moves in (("grasped", False), ("lifted", True)):
         other = seen.clone()
         other["facts", fact] = ~other["facts", fact]
-        loc_after, _, value_after = said(agent, other)
+        loc_after, _, value_after = outputs(agent, other)
         assert torch.equal(loc_after, loc)
         assert torch.equal(value_after, value) != moves
     # The policy alone needs no fact.

@@ -64,8 +64,8 @@ def test_a_loaded_policy_acts_as_its_agent(run):
     folder, agent = run
     env = needlehoop.make_env_of(folder, num_envs=3)
     # Of the run, on episodes that it has not met.
-    own = env.settings
-    assert (own.cams, own.image_size, own.seed) == (("dep_front", "seg_side"), 32, 1_000_001)
+    setup = env.settings
+    assert (setup.cams, setup.image_size, setup.seed) == (("dep_front", "seg_side"), 32, 1_000_001)
     seen = env.reset()
     policy = needlehoop.load_policy(folder)
     assert torch.equal(policy(seen), act(agent, seen))
@@ -90,9 +90,9 @@ def test_numpy_or_torch_one_or_many_channels_first_or_last(run):
     assert torch.equal(policy(flat), many)
     last = {n: v.movedim(1, -1).numpy() if v.ndim == 4 else v.numpy() for n, v in flat.items()}
     assert np.array_equal(policy(last), many)
-    one = policy({name: value[1] for name, value in last.items()})
-    assert isinstance(one, np.ndarray)
-    np.testing.assert_allclose(one, many[1], atol=1e-5)
+    single = policy({name: value[1] for name, value in last.items()})
+    assert isinstance(single, np.ndarray)
+    np.testing.assert_allclose(single, many[1], atol=1e-5)
     nested = policy(TensorDict({"pixels": seen["pixels"], "proprio": seen["proprio"]}, [3])[None])
     assert torch.equal(nested[0], many)
 
@@ -117,21 +117,21 @@ def test_a_file_holds_the_policy_alone_and_bfloat16_halves_it(run, tmp_path):
     assert {name.split(".")[0] for name in load_file(full)} == {"trunk", "head"}
     assert half.stat().st_size < 0.55 * full.stat().st_size
     seen = needlehoop.make_env_of(folder, num_envs=3).reset()
-    one, other = needlehoop.load_policy(full)(seen), needlehoop.load_policy(half)(seen)
-    assert not torch.equal(one, other)
-    assert (one - other).abs().mean() < 0.05
+    exact, rough = needlehoop.load_policy(full)(seen), needlehoop.load_policy(half)(seen)
+    assert not torch.equal(exact, rough)
+    assert (exact - rough).abs().mean() < 0.05
 
 
 def test_evaluate_takes_weights_for_a_checkpoint(run, tmp_path, capsys):
-    found = []
+    evaluations = []
     for kept in ("checkpoint.pt", "policy.safetensors"):
         folder = tmp_path / kept
         trained(folder)
         for name in {"checkpoint.pt", "policy.safetensors"} - {kept}:
             (folder / name).unlink()
         assert main(["evaluate", str(folder), "episodes=3", "--json"]) == 0
-        found.append(json.loads(capsys.readouterr().out))
-    assert found[0] == found[1]
+        evaluations.append(json.loads(capsys.readouterr().out))
+    assert evaluations[0] == evaluations[1]
 
 
 def test_what_is_no_policy_is_told_in_a_line(run, tmp_path):
@@ -199,14 +199,14 @@ def test_a_policy_in_onnx_acts_as_in_torch(seen, tmp_path, monkeypatch, capsys):
     policy = needlehoop.load_policy(run, device="cpu")
     for n in (1, 5):
         observation = needlehoop.make_env_of(run, num_envs=n).reset()
-        given = {
-            one.name: (
-                observation["pixels", one.name]
-                if one.name in seen.split("+") and one.name != "signals"
-                else observation[one.name].float()
+        inputs = {
+            node.name: (
+                observation["pixels", node.name]
+                if node.name in seen.split("+") and node.name != "signals"
+                else observation[node.name].float()
             ).numpy()
-            for one in session.get_inputs()
+            for node in session.get_inputs()
         }
-        (action,) = session.run(None, given)
+        (action,) = session.run(None, inputs)
         assert action.shape == (n, 5)
         np.testing.assert_allclose(action, policy(observation).numpy(), atol=1e-5)

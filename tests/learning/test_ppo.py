@@ -72,8 +72,8 @@ def make_buffer(
     following[done.squeeze(-1)] = elsewhere[done.squeeze(-1)]
     buffer = seen.clone()
     with torch.no_grad(), set_exploration_type(ExplorationType.RANDOM):
-        said = outputs(agent, seen)
-    buffer.update(said.select("loc", "scale", "state_value", "action", "action_log_prob"))
+        output = outputs(agent, seen)
+    buffer.update(output.select("loc", "scale", "state_value", "action", "action_log_prob"))
     ends = {"done": done, "terminated": terminated, "truncated": truncated}
     buffer["next"] = following.update({"reward": torch.randn(ENVS, STEPS, 1), **ends})
     return buffer

@@ -54,13 +54,13 @@ def test_the_command_tests_a_controller(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["nobody", "out=a.csv"], "expert, smooth"),
         (["smooth", "out=a.csv", "severities=9"], "1 to 5"),
         (["smooth", "out=a.csv", "axes=[camera]"], "robot"),
     ],
 )
-def test_what_makes_no_sense_is_refused(words, said, capsys):
+def test_what_makes_no_sense_is_refused(words, message, capsys):
     assert main(["stress", *words]) == 2
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err

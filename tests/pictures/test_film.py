@@ -49,7 +49,7 @@ def test_which_cameras_are_eyes():
         views = {
             name: replace(view, **changes.get(name, {})) for name, view in settings.views.items()
         }
-        return [[one.name for one in row] for row in in_rows(settings.cameras, views)]
+        return [[camera.name for camera in row] for row in in_rows(settings.cameras, views)]
 
     alone = [["rgb_ecm_right"], ["seg_ecm_left"], ["rgb_ecm_left"], ["seg_front"], ["rgb_wrist"]]
     pair = [["rgb_ecm_left", "rgb_ecm_right"], *alone[1:2], *alone[3:]]

@@ -34,7 +34,7 @@ from needlehoop.study.stats.statistics import Estimated, Interval
 from needlehoop.tasks.contract import Phase
 from needlehoop.tasks.registry import built_in, find
 
-ASKED = quantities(find("needle_hoop"))
+TARGETS = quantities(find("needle_hoop"))
 
 TINY = ["image_size=16", "encoder.channels=[8]", "episodes.train=8", "episodes.held_out=8"]
 TINY += ["episode.max_steps=40", "fit.updates=3", "fit.minibatch=32"]
@@ -59,10 +59,10 @@ def test_frames_show_every_phase_of_every_kind_of_episode(seen):
 
 
 def test_frames_say_where_things_are_relative_to_the_goal(seen):
-    assert seen.points.shape == (len(seen), len(ASKED.points), 3)
-    tip = seen.points[:, ASKED.points.index("needle_tip")].norm(dim=-1)
+    assert seen.points.shape == (len(seen), len(TARGETS.points), 3)
+    tip = seen.points[:, TARGETS.points.index("needle_tip")].norm(dim=-1)
     assert tip.max() < 100, "millimetres on a table of a few centimetres"
-    inserting = seen.phase == ASKED.phases.index("insert")
+    inserting = seen.phase == TARGETS.phases.index("insert")
     assert tip[inserting].min() < 12
     assert tip[seen.phase == 0].min() > 15
     assert torch.equal(seen.fact, seen.phase > 0)
@@ -90,11 +90,11 @@ def test_an_episode_does_not_depend_on_how_many_there_are(settings, monkeypatch)
 
 
 def test_what_is_read_off_follows_from_the_tasks_phases():
-    assert ASKED.points == ("needle_tip", "pickup_point", "tool_midpoint")
-    assert (ASKED.origin, ASKED.fact) == ("goal", "grasped")
-    assert ASKED.names == (*ASKED.points, "tool_to_pickup", "grasped")
-    wanted = {"reach": "tool_to_pickup", "lift": "pickup_point", "insert": "needle_tip"}
-    assert ASKED.needed == wanted
+    assert TARGETS.points == ("needle_tip", "pickup_point", "tool_midpoint")
+    assert (TARGETS.origin, TARGETS.fact) == ("goal", "grasped")
+    assert TARGETS.names == (*TARGETS.points, "tool_to_pickup", "grasped")
+    needed = {"reach": "tool_to_pickup", "lift": "pickup_point", "insert": "needle_tip"}
+    assert TARGETS.needed == needed
     reach = quantities(find("reach"))
     assert (reach.points, reach.origin, reach.gaps) == (("tool_midpoint",), "target", {})
     assert reach.needed == {"approach": "tool_midpoint", "stay": "tool_midpoint"}
@@ -102,9 +102,9 @@ def test_what_is_read_off_follows_from_the_tasks_phases():
 
 @pytest.mark.parametrize("name", built_in())
 def test_each_phase_of_each_task_needs_something_that_is_read_off(name):
-    asked = quantities(find(name))
-    assert set(asked.needed.values()) <= {*asked.points, *asked.gaps}
-    assert {point for gap in asked.gaps.values() for point in gap} <= {*asked.points}
+    targets = quantities(find(name))
+    assert set(targets.needed.values()) <= {*targets.points, *targets.gaps}
+    assert {point for gap in targets.gaps.values() for point in gap} <= {*targets.points}
 
 
 def test_a_task_without_two_places_a_phase_is_refused():
@@ -118,7 +118,7 @@ def test_a_moment_is_in_the_phase_after_the_last_fact_that_holds():
     lifted = torch.tensor([False, True, False, True, True])
     threaded = torch.tensor([False, False, False, False, True])
     moment = SimpleNamespace(batch_size=[5], grasped=grasped, lifted=lifted, threaded=threaded)
-    assert phase_of(ASKED, moment).tolist() == [0, 0, 1, 2, 2]
+    assert phase_of(TARGETS, moment).tolist() == [0, 0, 1, 2, 2]
     held = torch.tensor([False, True, True, True, True])
     high = torch.tensor([False, False, True, True, False])
     over = torch.tensor([True, False, False, True, True])
@@ -135,13 +135,13 @@ def _frames(points: torch.Tensor, phase: list[int], episode: list[int]) -> Frame
 def test_errors_are_distances_in_mm_by_episode_and_phase():
     truth = torch.zeros(4, 3, 3)
     shown = _frames(truth, [0, 0, 1, 2], [0, 0, 0, 1])
-    said = torch.zeros(4, 3, 3)
-    said[0, ASKED.points.index("needle_tip")] = torch.tensor([3.0, 4.0, 0.0])
-    said[0, ASKED.points.index("tool_midpoint")] = torch.tensor([0.0, 2.0, 0.0])
-    said[1, ASKED.points.index("pickup_point")] = torch.tensor([0.0, 0.0, 6.0])
+    points = torch.zeros(4, 3, 3)
+    points[0, TARGETS.points.index("needle_tip")] = torch.tensor([3.0, 4.0, 0.0])
+    points[0, TARGETS.points.index("tool_midpoint")] = torch.tensor([0.0, 2.0, 0.0])
+    points[1, TARGETS.points.index("pickup_point")] = torch.tensor([0.0, 0.0, 6.0])
     facts = torch.tensor([False, True, True, True])
-    means, counts = errors(ASKED, shown, said, facts, 3)
-    at = {name: i for i, name in enumerate(ASKED.names)}
+    means, counts = errors(TARGETS, shown, points, facts, 3)
+    at = {name: i for i, name in enumerate(TARGETS.names)}
     reach = means[0, 0]
     assert reach[at["needle_tip"]] == 2.5
     assert reach[at["tool_midpoint"]] == 1.0
@@ -156,32 +156,32 @@ def test_errors_are_distances_in_mm_by_episode_and_phase():
 def test_the_constant_is_each_phases_mean_and_needs_to_have_seen_it():
     points = torch.arange(4.0).view(4, 1, 1).expand(4, 3, 3)
     learnt = _frames(points, [0, 0, 1, 2], [0, 0, 0, 0])
-    said, _ = constant(ASKED, learnt, _frames(torch.zeros(3, 3, 3), [0, 1, 2], [0, 0, 0]))
-    assert said[:, 0, 0].tolist() == [0.5, 2.0, 3.0]
+    means, _ = constant(TARGETS, learnt, _frames(torch.zeros(3, 3, 3), [0, 1, 2], [0, 0, 0]))
+    assert means[:, 0, 0].tolist() == [0.5, 2.0, 3.0]
     with pytest.raises(ValueError, match=r"episodes\.train: none comes to the phase insert"):
-        constant(ASKED, _frames(points[:3], [0, 0, 1], [0, 0, 0]), learnt)
+        constant(TARGETS, _frames(points[:3], [0, 0, 1], [0, 0, 0]), learnt)
 
 
 def _errors(by_phase: list[float], episodes: int, spread: float, seed: int) -> np.ndarray:
     generator = np.random.default_rng(seed)
-    mean = np.full((episodes, 3, len(ASKED.names)), 99.0)
-    for p, phase in enumerate(ASKED.phases):
+    mean = np.full((episodes, 3, len(TARGETS.names)), 99.0)
+    for p, phase in enumerate(TARGETS.phases):
         noise = generator.uniform(-spread, spread, episodes)
-        mean[:, p, ASKED.names.index(ASKED.needed[phase])] = by_phase[p] + noise
+        mean[:, p, TARGETS.names.index(TARGETS.needed[phase])] = by_phase[p] + noise
     return mean
 
 
-def _results(found: list[np.ndarray], blind: list[np.ndarray]) -> ProbeResults:
+def _results(errors: list[np.ndarray], blind: list[np.ndarray]) -> ProbeResults:
     """Of one camera set, ``rgb``, seed by seed."""
-    return ProbeResults(ASKED, {"rgb": np.stack(found), CONSTANT: np.stack(blind)})
+    return ProbeResults(TARGETS, {"rgb": np.stack(errors), CONSTANT: np.stack(blind)})
 
 
 def test_the_score_is_the_mean_over_phases_of_what_each_needs():
     blind = _errors([10.0, 20.0, 40.0], 6, 0.0, 0)
     results = _results([_errors([5.0, 5.0, 40.0], 6, 0.0, 0)], [blind])
-    found = results.score("rgb")
-    assert found.value == pytest.approx((0.5 + 0.75 + 0.0) / 3)
-    assert (found.interval.low, found.interval.high) == pytest.approx((found.value,) * 2)
+    score = results.score("rgb")
+    assert score.value == pytest.approx((0.5 + 0.75 + 0.0) / 3)
+    assert (score.interval.low, score.interval.high) == pytest.approx((score.value,) * 2)
     assert results.score(CONSTANT).value == 0
     two = _results([_errors([0.0] * 3, 6, 0.0, 0), blind], [blind, blind])
     assert two.score("rgb").value == pytest.approx(0.5)
@@ -192,8 +192,8 @@ def test_the_score_is_the_mean_over_phases_of_what_each_needs():
     assert _results([few], [blind]).score("rgb").value == pytest.approx((0.5 + 0.5 + 0.8) / 3)
     # Intervals narrow with episodes, and hold the truth.
     few, many = (
-        _results([own], [own]).error("rgb", "reach", ASKED.needed["reach"]).interval
-        for own in (_errors([5.0] * 3, n, 2.0, 1) for n in (8, 800))
+        _results([errors], [errors]).error("rgb", "reach", TARGETS.needed["reach"]).interval
+        for errors in (_errors([5.0] * 3, n, 2.0, 1) for n in (8, 800))
     )
     assert many.high - many.low < 0.3 < few.high - few.low
     assert many.low < 5 < many.high
@@ -210,21 +210,21 @@ def test_what_cannot_be_separated_shares_a_place():
 
 
 def test_combinations_are_names_with_plus(settings):
-    wanted = (("dep_front", "seg_side"), ("rgb_front",))
-    assert camera_sets(["dep_front+seg_side", "rgb_front"], settings) == wanted
-    for given, match in (
+    sets = (("dep_front", "seg_side"), ("rgb_front",))
+    assert camera_sets(["dep_front+seg_side", "rgb_front"], settings) == sets
+    for names, match in (
         ([], "cams: give camera sets"),
         (["rgb_default", "rgb_default"], "each once"),
         (["rgb_top"], "view: 'top' is unknown; choose from default, front, side"),
     ):
         with pytest.raises(ValueError, match=match):
-            camera_sets(given, settings)
+            camera_sets(names, settings)
 
 
-def _plan(settings: Settings, folder: Path, given: list[str], updates: int, **more) -> Plan:
+def _plan(settings: Settings, folder: Path, sets: list[str], updates: int, **more) -> Plan:
     return Plan(
         env=settings,
-        camera_sets=camera_sets(given, settings),
+        camera_sets=camera_sets(sets, settings),
         encoder=EncoderConfig("tiny", 4, (16,), 1),
         heads=HeadConfig(64, 1, 1.0, True, ()),
         episodes=Episodes(**{"train": 60, "held_out": 24, "per_phase": 4, **more}),
@@ -244,14 +244,14 @@ def test_a_camera_that_sees_the_needle_beats_one_turned_away(settings, tmp_path)
     scene = replace(settings, views={**settings.views, "away": away}, image_size=32)
     plan = _plan(scene, tmp_path, ["seg_away", "seg_default"], 150)
     measuring.probe(plan, tmp_path)
-    found = load(tmp_path, ASKED)
-    assert found.ranked == ["seg_default", "seg_away"]
-    assert found.places == {"seg_default": (1, 1), "seg_away": (2, 2)}
-    assert found.score("seg_default").interval.low > 0.15
+    results = load(tmp_path, TARGETS)
+    assert results.ranked == ["seg_default", "seg_away"]
+    assert results.places == {"seg_default": (1, 1), "seg_away": (2, 2)}
+    assert results.score("seg_default").interval.low > 0.15
     # The frames of one phase look alike to it: it can't be better than a constant.
-    assert found.score("seg_away").interval.high < 0.1
-    assert found.score(CONSTANT) == Estimated(0.0, Interval(0.0, 0.0))
-    assert found.score(TRUTH).value > found.score("seg_default").value
+    assert results.score("seg_away").interval.high < 0.1
+    assert results.score(CONSTANT) == Estimated(0.0, Interval(0.0, 0.0))
+    assert results.score(TRUTH).value > results.score("seg_default").value
 
 
 def _run(tmp_path: Path, *words: str) -> int:
@@ -266,8 +266,8 @@ def _rows(path: Path) -> list[dict[str, str]]:
 def test_the_command_measures_then_shows_what_is_there(tmp_path, capsys):
     words = ["cams=rgb_default,dep_front+seg_side", "seeds=2"]
     assert _run(tmp_path, *words) == 2
-    said = capsys.readouterr().err
-    assert f"compute: {tmp_path}/probe lacks rgb_default; compute=true" in said
+    error = capsys.readouterr().err
+    assert f"compute: {tmp_path}/probe lacks rgb_default; compute=true" in error
     assert not list(tmp_path.iterdir())
     assert _run(tmp_path, *words, "compute=true") == 0
     measured = capsys.readouterr().out
@@ -297,8 +297,8 @@ def test_the_same_seed_gives_the_same_bits_beside_other_sets_and_threads(setting
     beside = replace(beside, env=replace(small, engine=replace(small.engine, threads=2)))
     for name, plan in (("alone", alone), ("beside", beside)):
         measuring.probe(plan, tmp_path / name)
-    one, two = (tmp_path / name / "seed0/seg_side.csv" for name in ("alone", "beside"))
-    assert one.read_bytes() == two.read_bytes()
+    first, second = (tmp_path / name / "seed0/seg_side.csv" for name in ("alone", "beside"))
+    assert first.read_bytes() == second.read_bytes()
 
 
 def test_tables_hold_the_papers_lists_against_the_probe(tmp_path):
@@ -309,9 +309,9 @@ def test_tables_hold_the_papers_lists_against_the_probe(tmp_path):
     errors |= {name: 10.0 - value for name, value in paper.measured().items()}
     for name, value in errors.items():
         means = _errors([value] * 3, 12, 0.0, 0)
-        save(tmp_path / f"seed0/{name}.csv", ASKED, means, np.ones((12, 3), dtype=int))
-    found = load(tmp_path, ASKED)
-    table = agreements(found)
+        save(tmp_path / f"seed0/{name}.csv", TARGETS, means, np.ones((12, 3), dtype=int))
+    results = load(tmp_path, TARGETS)
+    table = agreements(results)
     measured = table[table["against"] == "the paper's measured"]
     assert measured["n"].tolist() == ["5", "5", "6", "14"]
     assert measured["tau-b"].tolist()[:3] == ["1.00"] * 3
@@ -319,11 +319,11 @@ def test_tables_hold_the_papers_lists_against_the_probe(tmp_path):
     # As the paper's VLM agrees with the paper's own measurements.
     vlm = table[table["against"] == "the paper's VLM"]
     assert vlm["tau-b"].tolist() == ["0.60", "0.60", "0.60"]
-    assert ranking(found)["cameras"].tolist()[::15] == ["dep_front+seg_side", "constant"]
-    axes = ranking_figure(found).axes
+    assert ranking(results)["cameras"].tolist()[::15] == ["dep_front+seg_side", "constant"]
+    axes = ranking_figure(results).axes
     assert axes[0].get_yticklabels()[0].get_text() == "dep_front+seg_side"
-    found.asked = replace(ASKED, task="reach")
-    assert agreements(found).empty
+    results.targets = replace(TARGETS, task="reach")
+    assert agreements(results).empty
 
 
 def test_the_shipped_probe_is_shown_with_its_numbers(tmp_path):

@@ -78,9 +78,9 @@ def test_the_longest_program_is_cheap_too():
     source = "\n".join([*lines, "reward = a1"])
     source += "\n#" + "-" * (MAX_SOURCE - len(source) - 2)
     many = f"reward = 1{' < 1' * 2400}"
-    for one in (source, many):
+    for text in (source, many):
         began = time.process_time()
-        compile_program(one)
+        compile_program(text)
         assert time.process_time() - began < 2.0
     with pytest.raises(ProgramError, match="10001 characters"):
         compile_program(source + "-")

@@ -33,9 +33,9 @@ def value_of(expression: str, signals: Signals) -> torch.Tensor:
 
 
 def refused(source: str) -> ProgramError:
-    with pytest.raises(ProgramError) as found:
+    with pytest.raises(ProgramError) as caught:
         compile_program(source)
-    return found.value
+    return caught.value
 
 
 def test_the_papers_reward_can_be_said(signals):
@@ -44,11 +44,11 @@ def test_the_papers_reward_can_be_said(signals):
     # Nearer than random, so that no term is all zeros.
     many.pickup_point = many.tool_midpoint + 0.01 * many.hoop_axis
     many.needle_tip = many.goal - 0.01 * many.hoop_axis
-    said, meant = compile_program(PROGRAM)(many), human(many)
-    assert [name for name in meant if name not in ("surround", "pinch")] == [*said]
-    for name in said:
+    terms, meant = compile_program(PROGRAM)(many), human(many)
+    assert [name for name in meant if name not in ("surround", "pinch")] == [*terms]
+    for name in terms:
         assert meant[name].abs().max() > 0.1
-        torch.testing.assert_close(said[name], meant[name], rtol=1e-14, atol=1e-14)
+        torch.testing.assert_close(terms[name], meant[name], rtol=1e-14, atol=1e-14)
 
 
 # Each expression beside what it means for one environment, as numpy says it.
@@ -102,11 +102,11 @@ class One:
 def test_an_expression_is_worth_what_it_says_in_a_batch_and_alone(signals):
     assert {name for name in FUNCTIONS if any(f"{name}(" in e for e in MEANT)} == set(FUNCTIONS)
     for expression, worth in MEANT.items():
-        found = value_of(expression, signals)
+        values = value_of(expression, signals)
         meant = [float(worth(One(signals, i))) for i in range(N)]
-        assert found.tolist() == pytest.approx(meant, rel=1e-12, abs=1e-15), expression
+        assert values.tolist() == pytest.approx(meant, rel=1e-12, abs=1e-15), expression
         alone = [value_of(expression, signals[index : index + 1]).item() for index in range(N)]
-        assert alone == found.tolist(), expression
+        assert alone == values.tolist(), expression
 
 
 BRANCHES = """
@@ -149,9 +149,9 @@ def test_ifs_choose_in_each_environment():
 
 
 def test_a_variable_of_one_branch_is_refused_only_where_it_is_used():
-    one = "if lifted:\n    d = 1\n    reward = d\nelse:\n    reward = 0\n"
-    assert compile_program(one).terms == ("reward",)
-    error = refused(one + "reward = reward + d")
+    source = "if lifted:\n    d = 1\n    reward = d\nelse:\n    reward = 0\n"
+    assert compile_program(source).terms == ("reward",)
+    error = refused(source + "reward = reward + d")
     assert (error.line, error.column) == (6, 19)
     assert "'d' is unknown" in error.reason
 
@@ -172,13 +172,13 @@ def test_terms_are_the_names_of_the_last_sum(end, terms, signals):
     program = compile_program(f"a = jaw\nb = elapsed\nc = jaw * elapsed\n{end}")
     before = signals.clone()
     assert program.terms == terms
-    found = program(signals)
-    assert tuple(found) == terms
-    assert all(term.shape == (N,) and term.dtype == torch.float64 for term in found.values())
+    values = program(signals)
+    assert tuple(values) == terms
+    assert all(term.shape == (N,) and term.dtype == torch.float64 for term in values.values())
     if "a" in terms:
-        torch.testing.assert_close(found["a"], signals.jaw, rtol=0, atol=0)
+        torch.testing.assert_close(values["a"], signals.jaw, rtol=0, atol=0)
     # Terms do not share memory with the signals.
-    for term in found.values():
+    for term in values.values():
         term += 1
     assert bool((signals == before).all())
 

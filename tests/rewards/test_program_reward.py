@@ -73,13 +73,13 @@ def test_a_recording_alone_is_looked_into_where_no_study_is_named(place):
     place("main/vlm/rewards/seg_side/image.txt", 4)
     alone = ["reward=vlm_img", "reward.study=null"]
     assert worth(loaded(*alone, "cams=[dep_front]")) == 5
-    said = (
+    message = (
         r"no image reward is recorded for seg_side \(there is dep_front\); .*no model can write one"
     )
     values = composing.compose([*alone, "cams=[seg_side]"])["reward"]
     # Not one to ask a model for either: what it wrote would not be found.
     for refusing in (load_reward, program_reward.is_recorded):
-        with pytest.raises(ValueError, match=said):
+        with pytest.raises(ValueError, match=message):
             refusing(values)
 
 
@@ -95,15 +95,15 @@ def test_a_missing_program_names_the_command_that_makes_it(place):
     place("rewards/dep_front+seg_side/image.txt")
     with pytest.raises(
         ValueError, match=r"no image reward .*there is dep_front\+seg_side"
-    ) as found:
+    ) as caught:
         compose_settings(["reward=vlm_img", "cams=[rgb_front,seg_side]"])
     command = "vlm reward 'cams=[rgb_front,seg_side]' flavour=image study=main vlm=gemini"
-    assert f"needlehoop {command}" in str(found.value)
+    assert f"needlehoop {command}" in str(caught.value)
 
 
 def test_a_bad_file_or_value_is_refused_by_name(place, tmp_path):
     file = tmp_path / "mine.txt"
-    for text, words, said in (
+    for text, words, message in (
         (b"reward = gaol", [], "mine.txt, line 1, column 10: 'gaol' is unknown"),
         (b"reward = 1", ["reward.path=none.txt"], "reward.path: 'none.txt' can't be read: No such"),
         (b"reward = 1", ["reward.clip=[3,1]"], "reward.clip: 3 must be below 1"),
@@ -111,7 +111,7 @@ def test_a_bad_file_or_value_is_refused_by_name(place, tmp_path):
         (b"reward = 9", ["reward.unit=0.1"], "reward.unit: mine.txt has no line such as unit"),
     ):
         file.write_bytes(text)
-        with pytest.raises(ValueError, match=said):
+        with pytest.raises(ValueError, match=message):
             loaded("reward=file", "reward.path=mine.txt", *words)
 
 
@@ -138,14 +138,14 @@ def test_a_program_in_scene_units_takes_another_size_of_them(tmp_path):
     file = tmp_path / "mine.txt"
     file.write_text("unit = 0.05\nreward = 9 / unit")
     assert worth(loaded("reward=file", f"reward.path={file}")) == pytest.approx(180)
-    given = composing.compose(["reward=file", f"reward.path={file}", "reward.unit=0.1"])["reward"]
-    assert worth(load_reward(given)) == pytest.approx(90)
+    config = composing.compose(["reward=file", f"reward.path={file}", "reward.unit=0.1"])["reward"]
+    assert worth(load_reward(config)) == pytest.approx(90)
     # A pinned program does not change with its file. It is what the run is paid by.
-    pinned = rewards.with_source(given)
+    pinned = rewards.with_source(config)
     file.unlink()
     assert rewards.text(load_reward(pinned)) == f"# From {file}.\nunit = 0.1\nreward = 9 / unit"
     assert rewards.with_source(pinned) == pinned
-    assert given["program"] is None
+    assert config["program"] is None
 
 
 def test_a_run_keeps_its_program(place, tmp_path, monkeypatch):

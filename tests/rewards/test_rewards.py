@@ -33,14 +33,14 @@ def human(values) -> Human:
     return reward
 
 
-def signals_of(**given) -> Signals:
-    """Signals of one environment: all points at the origin, all facts false, but for ``given``."""
+def signals_of(**values) -> Signals:
+    """Signals of one environment: all points at the origin, all facts false, but for ``values``."""
     fields = {}
     for name, signal in TABLE.items():
         kind = torch.bool if signal.unit == "bool" else torch.float64
         fields[name] = torch.zeros(1, *signal.shape, dtype=kind)
-        if name in given:
-            fields[name][0] = torch.as_tensor(given[name], dtype=kind)
+        if name in values:
+            fields[name][0] = torch.as_tensor(values[name], dtype=kind)
     return TASK.signals_class(**fields, batch_size=[1])
 
 
@@ -48,12 +48,12 @@ PERFECT = {"grasped": True, "lifted": True, "touched": True, "threaded": True, "
 FAR = (0.3, 0.0, 0.0)
 
 
-def terms_of(reward, **given) -> dict[str, float]:
-    return {name: float(term) for name, term in reward(signals_of(**given)).items()}
+def terms_of(reward, **values) -> dict[str, float]:
+    return {name: float(term) for name, term in reward(signals_of(**values)).items()}
 
 
-def total(reward, **given) -> float:
-    return float(rewards.potential(reward(signals_of(**given))))
+def total(reward, **values) -> float:
+    return float(rewards.potential(reward(signals_of(**values))))
 
 
 def test_a_perfect_state_is_worth_the_papers_nine_and_our_terms_less_the_time(human):
@@ -177,20 +177,20 @@ def test_terms_are_a_number_per_environment(human):
     terms = human(signals)
     assert bool((signals == before).all())
     assert all(term.shape == (3,) and term.dtype == torch.float64 for term in terms.values())
-    for index, one in enumerate([{}, PERFECT, {"grasped": True}]):
-        assert float(rewards.potential(terms)[index]) == total(human, **one)
+    for index, values in enumerate([{}, PERFECT, {"grasped": True}]):
+        assert float(rewards.potential(terms)[index]) == total(human, **values)
 
 
 def test_a_value_that_is_no_good_is_refused_by_name(values):
     human = values["human"]
-    for config, said in (
+    for config, message in (
         ({**human, "kind": "humane"}, r"reward\.kind: .*human, sparse"),
         ({**values["sparse"], "bonus": 1.0}, "reward: unknown key bonus; its keys are success"),
         ({**human, "grasp": "two"}, r"reward\.grasp: .*not a number"),
         ({**human, "name": "sparse"}, "'sparse' means another reward; choose a name of your own"),
         ({**human, "name": "a/b"}, r"reward\.name: 'a/b' is no name for a folder"),
     ):
-        with pytest.raises(ValueError, match=said):
+        with pytest.raises(ValueError, match=message):
             load_reward(config)
 
 
@@ -198,4 +198,4 @@ def test_a_name_changes_what_a_reward_is_called_and_nothing_else(values):
     named = {**values["human"], "name": "my idea-2"}
     assert load_reward(named) == load_reward(values["human"])
     assert rewards.with_source(named) == named
-    assert [reward_name(one) for one in (named, values["human"])] == ["my idea-2", "human"]
+    assert [reward_name(config) for config in (named, values["human"])] == ["my idea-2", "human"]

@@ -98,9 +98,9 @@ def closure_gap(model: mujoco.MjModel, data: mujoco.MjData) -> float:
 
 def test_bodies_have_the_published_masses(model: mujoco.MjModel):
     names = {model.body(i).name for i in range(model.nbody)}
-    found = {name: float(model.body(name).mass[0]) for name in MASSES if name in names}
+    masses = {name: float(model.body(name).mass[0]) for name in MASSES if name in names}
     expected = {name: mass for name, mass in MASSES.items() if name in names}
-    assert found == pytest.approx(expected)
+    assert masses == pytest.approx(expected)
     assert sum(float(model.body(name).mass[0]) for name in TOOL) == pytest.approx(0.194)
 
 
@@ -152,20 +152,20 @@ def test_joints_have_the_identified_friction(model: mujoco.MjModel, joint, dry, 
 
 def test_jaws_mirror_each_other_under_a_one_sided_push(model: mujoco.MjModel, layout: NeedleLayout):
     data = data_at(model, start_at(layout, CENTRE))
-    one, two = data.joint("jaw_1"), data.joint("jaw_2")
-    begun = float(one.qpos[0])
+    jaw_1, jaw_2 = data.joint("jaw_1"), data.joint("jaw_2")
+    begun = float(jaw_1.qpos[0])
     pushed = model.joint("jaw_1").dofadr[0]
     for _ in range(100):
         # An eighth of what the jaw's motor can do.
         data.qfrc_applied[pushed] = 0.02
         mujoco.mj_step(model, data)
-        assert one.qpos[0] == pytest.approx(-two.qpos[0], abs=1e-3)
-    assert one.qpos[0] > begun + 0.01
+        assert jaw_1.qpos[0] == pytest.approx(-jaw_2.qpos[0], abs=1e-3)
+    assert jaw_1.qpos[0] > begun + 0.01
     data.qfrc_applied[pushed] = 0.0
     for _ in range(200):
         mujoco.mj_step(model, data)
-    assert one.qpos[0] == pytest.approx(-two.qpos[0], abs=1e-5)
-    assert one.qpos[0] == pytest.approx(begun, abs=1e-3)
+    assert jaw_1.qpos[0] == pytest.approx(-jaw_2.qpos[0], abs=1e-5)
+    assert jaw_1.qpos[0] == pytest.approx(begun, abs=1e-3)
 
 
 def test_the_arm_holds_its_place(variants, layout: NeedleLayout):

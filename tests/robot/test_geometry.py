@@ -31,8 +31,8 @@ def as_scipy(quat: Tensor) -> Rotation:
     return Rotation.from_quat([x, y, z, w])
 
 
-def close(one: Tensor, other, tolerance: float = 1e-9) -> None:
-    torch.testing.assert_close(one, torch.as_tensor(other), rtol=0, atol=tolerance)
+def close(actual: Tensor, expected, tolerance: float = 1e-9) -> None:
+    torch.testing.assert_close(actual, torch.as_tensor(expected), rtol=0, atol=tolerance)
 
 
 @given(turns, vectors)

@@ -125,8 +125,8 @@ def test_inverse_kinematics_finds_nearby_poses():
     q[:, 2] = q[:, 2].clamp(min=0.06)
     aside = random_joints(100, seed=3) - random_joints(100, seed=4)
     pose = psm.forward_kinematics(q)
-    found = psm.inverse_kinematics(pose, q + 0.02 * aside)
-    torch.testing.assert_close(psm.forward_kinematics(found), pose, rtol=0, atol=1e-6)
+    joints = psm.inverse_kinematics(pose, q + 0.02 * aside)
+    torch.testing.assert_close(psm.forward_kinematics(joints), pose, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.0, -1.0), (0.5, 0.5, 0.5)])
@@ -134,10 +134,10 @@ def test_inverse_kinematics_of_an_unreachable_pose_stays_within_limits(place):
     q = random_joints(20, seed=6)
     pose = psm.forward_kinematics(q)
     pose[:, :3, 3] = torch.tensor(place, dtype=torch.float64)
-    found = psm.inverse_kinematics(pose, q, iterations=30)
+    joints = psm.inverse_kinematics(pose, q, iterations=30)
     lower, upper = psm.joint_limits()
-    assert bool(torch.isfinite(found).all())
-    assert bool(((found >= lower) & (found <= upper)).all())
+    assert bool(torch.isfinite(joints).all())
+    assert bool(((joints >= lower) & (joints <= upper)).all())
     assert bool(
-        (psm.forward_kinematics(found)[:, :3, 3] - pose[:, :3, 3]).norm(dim=-1).min() > 0.01
+        (psm.forward_kinematics(joints)[:, :3, 3] - pose[:, :3, 3]).norm(dim=-1).min() > 0.01
     )

@@ -33,10 +33,10 @@ def installed() -> list[object]:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_first_signal_only_asks(kind, handlers, capsys):
-    with interruption() as asked:
-        assert not asked.is_set()
+    with interruption() as stop_request:
+        assert not stop_request.is_set()
         os.kill(os.getpid(), kind)
-        assert asked.is_set()
+        assert stop_request.is_set()
     assert "once more to stop at once" in capsys.readouterr().err
     assert installed() == handlers
 

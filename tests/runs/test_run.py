@@ -78,10 +78,10 @@ def test_overwrite_begins_anew_and_keeps_what_was_there_under_a_number(run, fold
 def test_a_run_is_born_whole_or_not_at_all(folder, monkeypatch, name):
     real = Path.open
 
-    def full(path, *given, **named):
+    def full(path, *args, **named):
         if path.name.startswith(name):
             raise OSError(28, "No space left on device", str(path))
-        return real(path, *given, **named)
+        return real(path, *args, **named)
 
     with monkeypatch.context() as patched:
         patched.setattr(Path, "open", full)
@@ -157,11 +157,11 @@ def test_a_checkpoint_comes_back_as_it_was_saved(run):
         "groups": [{"lr": 1e-3, "betas": (0.9, 0.999)}],
     }
     run.save(state)
-    found = Run.open(run.folder).checkpoint()
+    checkpoint = Run.open(run.folder).checkpoint()
     for name, value in state.pop("weights").items():
-        assert found["weights"][name].dtype == value.dtype
-        assert torch.equal(found["weights"][name], value)
-    assert {key: found[key] for key in state} == state
+        assert checkpoint["weights"][name].dtype == value.dtype
+        assert torch.equal(checkpoint["weights"][name], value)
+    assert {key: checkpoint[key] for key in state} == state
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 and no more"])

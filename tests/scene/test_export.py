@@ -137,10 +137,10 @@ def test_nothing_is_lost_but_the_last_bits(exported):
     # The keyframe and the files' names are new.
     new = ("_sizes", "key_", "name_", "names_map", "mesh_pathadr")
     for name in set(dir(model)) - {*BY_THE_WAY}:
-        one, other = getattr(model, name), getattr(again, name)
-        if isinstance(one, np.ndarray) and not name.startswith(new):
-            scale = np.abs(one).max(initial=1e-9)
-            np.testing.assert_allclose(other, one, rtol=0, atol=1e-9 * scale, err_msg=name)
+        value, read_back = getattr(model, name), getattr(again, name)
+        if isinstance(value, np.ndarray) and not name.startswith(new):
+            scale = np.abs(value).max(initial=1e-9)
+            np.testing.assert_allclose(read_back, value, rtol=0, atol=1e-9 * scale, err_msg=name)
             compared += 1
     assert compared > 200
     width = {mujoco.mjtEq.mjEQ_CONNECT: 3, mujoco.mjtEq.mjEQ_JOINT: 5, mujoco.mjtEq.mjEQ_WELD: 11}
@@ -190,13 +190,13 @@ def test_the_arm_rests_at_home(arms):
 def test_a_mounted_camera_hangs_on_its_body(words, carriers):
     files = export.mjcf(scene_spec(compose_settings(words)), "scene")
     root = ElementTree.fromstring(files["scene.xml"])
-    found = {
+    bodies = {
         camera.get("name"): body.get("name")
         for body in root.iter("body")
         for camera in body.findall("camera")
     }
-    assert found.items() >= carriers.items()
-    assert "front" not in found
+    assert bodies.items() >= carriers.items()
+    assert "front" not in bodies
 
 
 def test_only_a_folder_of_its_own_files_is_written_over(tmp_path, capsys):
@@ -246,8 +246,8 @@ def test_the_readmes_tables_are_the_models():
         assert servo.forcerange.tolist() == [-effort, effort]
     golden = np.array([[float(cell) for cell in cells] for cells in rows(readme, "yaw | pitch")])
     assert golden.shape == (2, 9)
-    found = psm.forward_kinematics(torch.from_numpy(golden[:, :6]))[:, :3, 3]
-    np.testing.assert_allclose(found, golden[:, 6:], atol=1e-6)
+    positions = psm.forward_kinematics(torch.from_numpy(golden[:, :6]))[:, :3, 3]
+    np.testing.assert_allclose(positions, golden[:, 6:], atol=1e-6)
 
 
 def test_the_licence_is_the_projects():

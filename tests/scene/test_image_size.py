@@ -19,7 +19,7 @@ WIDE = ["image_size=[48,32]", "engine.threads=1"]
 
 
 @pytest.mark.parametrize(
-    ("word", "size", "said"),
+    ("word", "size", "text"),
     [
         ("64", 64, "64"),
         ("[80,64]", (80, 64), "[80,64]"),
@@ -27,32 +27,32 @@ WIDE = ["image_size=[48,32]", "engine.threads=1"]
         ("[1,3]", (1, 3), "[1,3]"),
     ],
 )
-def test_a_size_is_a_side_or_width_and_height(word, size, said):
-    found = compose_settings([f"image_size={word}"]).image_size
-    assert found == size
-    assert typed(found) == said
-    assert strict.structure(found, ImageSize) == size
+def test_a_size_is_a_side_or_width_and_height(word, size, text):
+    parsed = compose_settings([f"image_size={word}"]).image_size
+    assert parsed == size
+    assert typed(parsed) == text
+    assert strict.structure(parsed, ImageSize) == size
 
 
 @pytest.mark.parametrize(
-    ("word", "said"),
+    ("word", "message"),
     [
         ("[80]", "neither the side of a square nor"),
         ("[80,0]", "0 must be at least 1"),
         ("[80,63]", "width and height must differ by an even number"),
     ],
 )
-def test_a_wrong_size_is_refused_with_its_key(word, said):
-    with pytest.raises(ValueError, match=f"^image_size: .*{said}"):
+def test_a_wrong_size_is_refused_with_its_key(word, message):
+    with pytest.raises(ValueError, match=f"^image_size: .*{message}"):
         compose_settings([f"image_size={word}"])
 
 
 @pytest.mark.parametrize("size", [64, (80, 64), (64, 80), (160, 90), (2048, 2), (2, 2048)])
 @pytest.mark.parametrize("longer", [16, 33, 256])
 def test_a_scaled_size_has_the_same_shape_and_is_one_that_may_be_typed(size, longer):
-    found = scaled_to(size, longer)
-    assert strict.structure(found, ImageSize) == found
-    (w, h), (width, height) = sides(size), sides(found)
+    scaled = scaled_to(size, longer)
+    assert strict.structure(scaled, ImageSize) == scaled
+    (w, h), (width, height) = sides(size), sides(scaled)
     assert max(width, height) == longer
     assert (width >= height) == (w >= h)
     assert min(width, height) == pytest.approx(longer * min(w, h) / max(w, h), abs=2.0)

@@ -21,9 +21,9 @@ WRIST = ["cams=[dep_wrist]", "num_envs=3", "image_size=32", "seed=2"]
 
 
 def matrix(quaternion: np.ndarray) -> np.ndarray:
-    found = np.zeros(9)
-    mujoco.mju_quat2Mat(found, quaternion)
-    return found.reshape(3, 3)
+    flat = np.zeros(9)
+    mujoco.mju_quat2Mat(flat, quaternion)
+    return flat.reshape(3, 3)
 
 
 def at(view: View, position: np.ndarray, forward: np.ndarray, up: np.ndarray) -> View:
@@ -48,12 +48,12 @@ def test_it_is_drawn_from_where_its_body_is_now_in_each_environment(psm):
     simulation = moved(f"psm={psm}")
     engine, view = simulation.engine, simulation.settings.views["wrist"]
     frames, places = engine.render()["wrist"], []
-    own, quaternion = pose_of(view)
+    position, quaternion = pose_of(view)
     for env in range(3):
         data = engine.data(env)
         camera, body = data.camera("wrist"), data.body("roll")
         turn = body.xmat.reshape(3, 3)
-        assert np.allclose(camera.xpos, body.xpos + turn @ own, atol=1e-12)
+        assert np.allclose(camera.xpos, body.xpos + turn @ position, atol=1e-12)
         assert np.allclose(camera.xmat.reshape(3, 3), turn @ matrix(quaternion), atol=1e-12)
         alone = CpuRasteriser(engine.model, 1, {"wrist": Channels(True, True, False)}, 32, 1)
         seen = alone.render({name: torch.tensor(getattr(data, name)[None]) for name in FIELDS})[
@@ -67,8 +67,8 @@ def test_it_is_drawn_from_where_its_body_is_now_in_each_environment(psm):
 
 
 def test_a_body_that_there_is_not_is_refused_by_its_key():
-    own = r"views.wrist.body: 'elbow' is unknown; choose from psm_base, yaw, .*roll.*needle"
-    with pytest.raises(ValueError, match=own):
+    message = r"views.wrist.body: 'elbow' is unknown; choose from psm_base, yaw, .*roll.*needle"
+    with pytest.raises(ValueError, match=message):
         build(compose_settings([*WRIST, "views.wrist.body=elbow"]))
 
 
@@ -106,10 +106,10 @@ def test_a_disturbance_moves_and_turns_it_about_itself():
     away = drawn["cam_xpos"][:, at] - fields["cam_xpos"][:, at]
     kept = disturbance._drawn
     amounts = {key: kept[f"camera.{key}"].amount[:, 0].numpy() for key in ("shift", "turn")}
-    own = before.swapaxes(1, 2)
-    assert np.allclose((own @ away[..., None])[..., 0], amounts["shift"], atol=1e-12)
+    inverse = before.swapaxes(1, 2)
+    assert np.allclose((inverse @ away[..., None])[..., 0], amounts["shift"], atol=1e-12)
     assert np.allclose(
-        own @ after, optics.rotation(torch.from_numpy(np.deg2rad(amounts["turn"]))), atol=1e-12
+        inverse @ after, optics.rotation(torch.from_numpy(np.deg2rad(amounts["turn"]))), atol=1e-12
     )
     assert np.abs(amounts["turn"]).max() > 1
     # Strange objects lie where people's pictures look: no camera stands in the room.
@@ -123,8 +123,8 @@ def test_a_model_is_told_what_it_is_mounted_on():
         "mounted on the instrument's shaft, with which it moves and turns, looking along it towards"
         " its tip, 12 degrees turned from that; at 107 mm from it its image is 149 mm wide"
     )
-    said = description.view(replace(wrist, body="jaw_1", roll=30.0), task, 64)
-    assert said.startswith(
+    text = description.view(replace(wrist, body="jaw_1", roll=30.0), task, 64)
+    assert text.startswith(
         "mounted on the moving body jaw_1, with which it moves and turns, turned by 30 degrees"
         " about its line of sight; at 107 mm"
     )

@@ -105,8 +105,8 @@ def test_touch_is_contact_of_that_jaw_with_the_needle(
     for index, touches in enumerate(expected, start=1):
         pad = model.geom(f"jaw_{index}_pad").id
         pairs = [set(pair) for pair in data.contact.geom if pad in pair]
-        others = {int(model.geom_bodyid[geom]) for pair in pairs for geom in pair - {pad}}
-        assert (needle in others) == touches
+        bodies = {int(model.geom_bodyid[geom]) for pair in pairs for geom in pair - {pad}}
+        assert (needle in bodies) == touches
 
 
 def test_the_description_lists_all_but_the_verdicts():

@@ -38,19 +38,19 @@ LAYOUTS = ("standard", "near")
 
 @pytest.fixture
 def page(settings, tmp_path):
-    who = players(settings, None, False, torch.device("cpu"))
+    choices = players(settings, None, False, torch.device("cpu"))
     levels = composing.compose((), "studio")["levels"]
-    world = World(settings, who, levels, "rgb", "expert", size=64)
+    world = World(settings, choices, levels, "rgb", "expert", size=64)
     source = Source(
         layouts={name: lambda name=name: compose_settings([f"task={name}"]) for name in LAYOUTS},
         words=["task=near"],
         conf_dir=str(tmp_path / "mine"),
         results=str(tmp_path / "results"),
     )
-    found = Page(world, source, "127.0.0.1", 0)
-    found.show(world.tick())
-    yield found
-    found.close()
+    opened = Page(world, source, "127.0.0.1", 0)
+    opened.show(world.tick())
+    yield opened
+    opened.close()
 
 
 def test_handles_move_the_chosen_camera_and_save_it(page, capsys):
@@ -122,12 +122,12 @@ def studio(tmp_path_factory):
     process = subprocess.Popen(
         command, cwd=folder, env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     )
-    said = ""
-    while "Ctrl-C ends it" not in said:
-        assert process.poll() is None, said
-        assert select.select([process.stdout], [], [], 90)[0], said
-        said += process.stdout.readline()
-    address = re.search(r"http://127\.0\.0\.1:\d+", said)[0]
+    output = ""
+    while "Ctrl-C ends it" not in output:
+        assert process.poll() is None, output
+        assert select.select([process.stdout], [], [], 90)[0], output
+        output += process.stdout.readline()
+    address = re.search(r"http://127\.0\.0\.1:\d+", output)[0]
     yield address, process, folder
     process.kill()
     process.wait()
@@ -146,9 +146,9 @@ def browser(tmp_path_factory):
     flags += [f"--user-data-dir={tmp_path_factory.mktemp('chromium')}"]
     for flag in flags:
         options.add_argument(flag)
-    found = webdriver.Chrome(options=options, service=Service(driver))
-    yield found
-    found.quit()
+    chrome = webdriver.Chrome(options=options, service=Service(driver))
+    yield chrome
+    chrome.quit()
 
 
 def click(browser, text: str) -> None:
@@ -162,9 +162,9 @@ def fields(browser, label: str) -> list:
     xpath = f"//label[normalize-space()='{label}']"
     WebDriverWait(browser, 30).until(lambda b: b.find_elements(By.XPATH, xpath))
     row = browser.find_element(By.XPATH, xpath)
-    while not (found := row.find_elements(By.TAG_NAME, "input")):
+    while not (inputs := row.find_elements(By.TAG_NAME, "input")):
         row = row.find_element(By.XPATH, "..")
-    return found
+    return inputs
 
 
 def fill(field, text: str) -> None:
@@ -174,10 +174,10 @@ def fill(field, text: str) -> None:
     time.sleep(0.5)
 
 
-def until(browser, said: str, seconds: float = 60) -> str:
+def until(browser, pattern: str, seconds: float = 60) -> str:
     """The page's text, once a pattern is in it."""
     body = browser.find_element(By.TAG_NAME, "body")
-    WebDriverWait(browser, seconds).until(lambda _: re.search(said, body.text))
+    WebDriverWait(browser, seconds).until(lambda _: re.search(pattern, body.text))
     return body.text
 
 
@@ -232,10 +232,10 @@ def test_a_second_tab_shows_the_same_and_closing_it_ends_nothing(browser, studio
     click(browser, "Arm")
     fill(fields(browser, "episode seed")[0], "3")
     click(browser, "Play")
-    said = re.search("step .*success.*", until(browser, "step .*success"))[0]
+    status = re.search("step .*success.*", until(browser, "step .*success"))[0]
     browser.close()
     browser.switch_to.window(first)
-    assert said in until(browser, "success")
+    assert status in until(browser, "success")
     click(browser, "Judge")
     click(browser, "Count pixels")
     until(browser, "front robot [1-9]")
@@ -249,6 +249,6 @@ def test_ctrl_c_ends_in_order(studio):
     _, process, _ = studio
     process.send_signal(signal.SIGINT)
     assert process.wait(timeout=60) == 0
-    said = process.stdout.read()
-    assert "studio: closed" in said
-    assert "Traceback" not in said
+    output = process.stdout.read()
+    assert "studio: closed" in output
+    assert "Traceback" not in output

@@ -28,8 +28,8 @@ CPU = torch.device("cpu")
 
 @pytest.fixture
 def world(settings) -> World:
-    who = {"expert": Player(by_name("expert"))}
-    return World(settings, who, LEVELS, "rgb", "expert", size=128)
+    choices = {"expert": Player(by_name("expert"))}
+    return World(settings, choices, LEVELS, "rgb", "expert", size=128)
 
 
 def agents(settings, view="front"):
@@ -94,8 +94,8 @@ def test_sliders_bring_the_tip_and_the_jaw_there(world):
 
 
 def test_the_shipped_agent_plays_to_the_end_and_begins_again(settings):
-    who = players(settings, None, False, CPU)
-    world = World(settings, who, LEVELS, "rgb", SHIPPED, size=64)
+    choices = players(settings, None, False, CPU)
+    world = World(settings, choices, LEVELS, "rgb", SHIPPED, size=64)
     world.set(seed=1)
     world.play(True)
     frames = [world.tick() for _ in range(settings.episode.max_steps)]
@@ -108,9 +108,9 @@ def test_the_shipped_agent_plays_to_the_end_and_begins_again(settings):
 
 def test_a_runs_policies_can_be_chosen(tiny_run):
     settings = compose_settings(["episode.max_steps=3", "episode.substeps=2"])
-    who = players(settings, tiny_run, False, CPU)
-    assert {"last policy", "best policy"} <= set(who)
-    world = World(settings, who, LEVELS, "seg", "best policy", size=64)
+    choices = players(settings, tiny_run, False, CPU)
+    assert {"last policy", "best policy"} <= set(choices)
+    world = World(settings, choices, LEVELS, "seg", "best policy", size=64)
     world.step()
     assert world.tick().status.startswith("step 1 of 3")
 
@@ -122,9 +122,9 @@ def test_a_pose_becomes_the_same_view_and_is_aimed_with_z_up(settings):
         np.testing.assert_allclose(again[0], position, atol=1e-5)
         assert abs(again[1] @ quaternion) == pytest.approx(1.0, abs=1e-8)
     down = posed(settings.views["side"], np.array((0.1, -0.2, 0.3)), DOWN)
-    found = aimed(down, np.array((0.0, 0.0, 0.02)))
-    np.testing.assert_allclose(found.forward, np.array((-0.1, 0.2, -0.28)) / 0.1284**0.5, atol=1e-5)
-    assert found.up == (0.0, 0.0, 1.0)
+    aim = aimed(down, np.array((0.0, 0.0, 0.02)))
+    np.testing.assert_allclose(aim.forward, np.array((-0.1, 0.2, -0.28)) / 0.1284**0.5, atol=1e-5)
+    assert aim.up == (0.0, 0.0, 1.0)
 
 
 def test_a_saved_view_trains_for_one_buffer(settings, tmp_path):
@@ -152,15 +152,15 @@ def test_a_view_replaces_no_file_unasked(settings, tmp_path):
 
 def test_pixels_and_what_is_hidden(settings):
     away = posed(settings.views["front"], np.array((0.0, -0.4, 0.1)), DOWN)
-    found = visibility(replace(settings, views={"side": settings.views["side"], "down": away}))
-    assert list(found) == ["side", "down"]
-    assert list(found["side"]) == list(settings.definition.paint)
-    robot = found["side"]["robot"]
+    counts = visibility(replace(settings, views={"side": settings.views["side"], "down": away}))
+    assert list(counts) == ["side", "down"]
+    assert list(counts["side"]) == list(settings.definition.paint)
+    robot = counts["side"]["robot"]
     assert 100 < robot.pixels < 64 * 64
     assert 0.0 <= robot.hidden < 0.2
-    assert max(seen.hidden for seen in found["side"].values()) > robot.hidden
+    assert max(seen.hidden for seen in counts["side"].values()) > robot.hidden
     # A camera that looks at the table beside everything shows nothing.
-    assert all(seen.pixels == 0 and np.isnan(seen.hidden) for seen in found["down"].values())
+    assert all(seen.pixels == 0 and np.isnan(seen.hidden) for seen in counts["down"].values())
 
 
 def test_the_probe_scores_each_camera_and_all(settings):
@@ -168,16 +168,16 @@ def test_the_probe_scores_each_camera_and_all(settings):
     tiny = {"episodes": {"train": 4, "held_out": 4, "per_phase": 2}}
     tiny |= {"fit": {"updates": 2, "minibatch": 8, "learning_rate": 1e-3}}
     cams = ("rgb_front", "rgb_side")
-    found = probe_scores(settings, cams, told.append, **tiny)
-    assert set(found) == {"rgb_front", "rgb_side", "rgb_front+rgb_side"}
+    scores = probe_scores(settings, cams, told.append, **tiny)
+    assert set(scores) == {"rgb_front", "rgb_side", "rgb_front+rgb_side"}
     assert told == sorted(told)
     assert told[-1] == 1.0
 
 
 def test_a_question_is_written_and_its_answer_read(settings, tmp_path):
     cams = ("rgb_front", "rgb_side")
-    asked = (settings, cams, str(tmp_path))
-    folder, order = ranking_question(*asked)
+    arguments = (settings, cams, str(tmp_path))
+    folder, order = ranking_question(*arguments)
     (place,) = (folder / "asked").iterdir()
     assert order == []
     assert "rgb_side" in (place / "request.md").read_text()
@@ -185,4 +185,4 @@ def test_a_question_is_written_and_its_answer_read(settings, tmp_path):
         '{"places": [{"name": "rgb_side", "reason": "a"}, {"name": "rgb_front", "reason": "b"}],'
         ' "sure": [0.8]}'
     )
-    assert ranking_question(*asked) == (folder, ["rgb_side", "rgb_front"])
+    assert ranking_question(*arguments) == (folder, ["rgb_side", "rgb_front"])

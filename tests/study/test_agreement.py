@@ -28,12 +28,12 @@ def two_sides(draw, most=6):
 @given(two_sides())
 def test_correlations_are_scipys_ties_included(sides):
     a, b = sides
-    found = agreement(named(a), named(b))
+    fit = agreement(named(a), named(b))
     if len(set(a)) == 1 or len(set(b)) == 1:
-        assert all(map(math.isnan, (found.tau, found.tau_p, found.rho, found.rho_p)))
+        assert all(map(math.isnan, (fit.tau, fit.tau_p, fit.rho, fit.rho_p)))
         return
-    assert found.tau == pytest.approx(kendalltau(a, b).statistic, abs=1e-12)
-    assert found.rho == pytest.approx(spearmanr(a, b).statistic, abs=1e-12)
+    assert fit.tau == pytest.approx(kendalltau(a, b).statistic, abs=1e-12)
+    assert fit.rho == pytest.approx(spearmanr(a, b).statistic, abs=1e-12)
 
 
 @given(two_sides(most=4))
@@ -41,21 +41,21 @@ def test_p_is_the_share_of_orders_at_least_as_strong(sides):
     a, b = sides
     if len(set(a)) == 1 or len(set(b)) == 1:
         return
-    found = agreement(named(a), named(b))
+    fit = agreement(named(a), named(b))
     drawn = [
         kendalltau([a[i] for i in order], b).statistic for order in permutations(range(len(a)))
     ]
-    share = np.mean([abs(value) >= abs(found.tau) - 1e-9 for value in drawn])
-    assert found.tau_p == pytest.approx(share)
+    share = np.mean([abs(value) >= abs(fit.tau) - 1e-9 for value in drawn])
+    assert fit.tau_p == pytest.approx(share)
 
 
 def test_many_camera_sets_are_sampled_with_a_seed():
     rising = named(range(14))
     noisy = named(np.random.default_rng(0).permutation(14))
-    found = agreement(noisy, rising)
-    assert found == agreement(dict(reversed(noisy.items())), rising)
+    fit = agreement(noisy, rising)
+    assert fit == agreement(dict(reversed(noisy.items())), rising)
     scipys = kendalltau(list(noisy.values()), list(rising.values())).pvalue
-    assert found.tau_p == pytest.approx(scipys, abs=0.01)
+    assert fit.tau_p == pytest.approx(scipys, abs=0.01)
 
 
 def test_a_tie_at_an_end_hits_only_if_all_of_it_is_right():
@@ -84,8 +84,8 @@ def test_the_papers_statement_holds_on_its_own_table():
     """It says that best and worst were predicted in all three lists."""
     measured = paper.measured()
     for members, scores in said("", paper.answers()).lists.items():
-        found = agreement(scores, {name: measured[name] for name in members})
-        assert (found.top_hits, found.bottom_hits, found.regret) == (1, 1, 0.0)
+        fit = agreement(scores, {name: measured[name] for name in members})
+        assert (fit.top_hits, fit.bottom_hits, fit.regret) == (1, 1, 0.0)
         # What lies between is not predicted well enough to rule chance out.
-        assert found.tau == pytest.approx(0.6)
-        assert found.tau_p > 0.05
+        assert fit.tau == pytest.approx(0.6)
+        assert fit.tau_p > 0.05

@@ -38,8 +38,8 @@ def runs(tmp_path) -> tuple[Path, Path]:
 
 
 def test_studies_differ_by_an_interval_over_their_seeds(two):
-    found = comparisons([read_study(folder) for folder in two])
-    first, second = rows_of(outcomes(found, "study"))
+    groups = comparisons([read_study(folder) for folder in two])
+    first, second = rows_of(outcomes(groups, "study"))
     assert (first["study"], first["difference of success, %"]) == ("a", "")
     assert second["difference of success, %"].startswith("-70 (")
     assert second["success, 95 %"] == "0 to 45"
@@ -48,20 +48,20 @@ def test_studies_differ_by_an_interval_over_their_seeds(two):
 def test_settings_that_differ_are_listed_and_no_others(two):
     change(two[0] / "rgb_default" / "human" / "seed1" / "config.yaml", num_envs=40)
     rows = rows_of(differences(comparisons([read_study(folder) for folder in two])))
-    found = {row["setting"]: (row["a"], row["b"]) for row in rows}
-    assert found == {"reward.unit": ("", "0.1"), "num_envs": ("80 / 40", "80")}
+    settings = {row["setting"]: (row["a"], row["b"]) for row in rows}
+    assert settings == {"reward.unit": ("", "0.1"), "num_envs": ("80 / 40", "80")}
 
 
 def test_runs_differ_by_an_interval_over_their_episodes(runs):
-    found = compared_runs([read_run(run).runs[0] for run in runs])
-    assert [*found] == ["seed0", "seed1"]
-    first, second = rows_of(outcomes([found], "run"))
+    group = compared_runs([read_run(run).runs[0] for run in runs])
+    assert [*group] == ["seed0", "seed1"]
+    first, second = rows_of(outcomes([group], "run"))
     assert (first["difference of success, %"], first["difference of return"]) == ("", "")
     # Newcombe's of 90 and 70 of 100: -0.20 (-0.31 to -0.09).
     assert second["difference of success, %"] == "-20 (-31 to -9)"
     # 1.96 * sqrt(2 ** 2 / 100 + 1 ** 2 / 100).
     assert second["difference of return"] == "-1.00 (-1.44 to -0.56)"
-    assert rows_of(differences([found])) == [{"setting": "seed", "seed0": "0", "seed1": "1"}]
+    assert rows_of(differences([group])) == [{"setting": "seed", "seed0": "0", "seed1": "1"}]
 
 
 def test_returns_of_another_reward_are_not_compared(runs):
@@ -92,11 +92,11 @@ def test_runs_are_compared_on_a_page_that_needs_nothing_else(runs, capsys):
 def test_what_cannot_be_compared_is_said(two, capsys, monkeypatch):
     monkeypatch.chdir(two[0].parent)
     write_run(Path("other"), "dep_default")
-    for words, said in (
+    for words, message in (
         (["a"], "a; name two or more"),
         (["a", "other"], "no cameras and reward that two of them have\n  rgb_default/human: a"),
         (["a/rgb_default/human/seed0", "b"], "seed0 is a run, and others are studies"),
     ):
         assert main(["compare", *words]) == 2
-        assert said in capsys.readouterr().err
+        assert message in capsys.readouterr().err
         assert not list(Path().rglob("*.html"))

@@ -29,10 +29,10 @@ def study(tmp_path_factory) -> Path:
 
 def test_plot_draws_all_and_repeats_to_the_byte(study, tmp_path, capsys):
     assert main(["plot", str(study), "--out", str(tmp_path)]) == 0
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     figures, tables = tmp_path / "figures", tmp_path / "tables"
     assert {path.name for path in figures.iterdir()} == DRAWN
-    assert all(str(path) in said for path in [*figures.iterdir(), *tables.iterdir()])
+    assert all(str(path) in output for path in [*figures.iterdir(), *tables.iterdir()])
     first = {path: path.read_bytes() for path in figures.iterdir()}
     for path in first:
         with Image.open(path) as image:
@@ -67,7 +67,7 @@ def test_many_curves_are_grouped_as_in_the_paper(tmp_path):
 def test_a_curve_ends_at_the_mean_of_its_last_buffers_with_students_interval(study):
     findings = study_findings(study)
     place, result = next(
-        (i, one) for i, one in enumerate(findings.ranked) if one.cameras == "rgb_default"
+        (i, result) for i, result in enumerate(findings.ranked) if result.cameras == "rgb_default"
     )
     with styled():
         (axes,) = learning_curves(findings).axes

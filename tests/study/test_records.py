@@ -31,17 +31,17 @@ def study(tmp_path: Path) -> Path:
 
 
 def test_whole_runs_are_read_in_order(study):
-    found = read_study(study)
+    contents = read_study(study)
     places = [Place(cameras, "human", 0) for cameras in ("dep_front+seg_side", "rgb_default")]
-    assert [run.place for run in found.runs] == places
-    whole, short = found.runs
+    assert [run.place for run in contents.runs] == places
+    whole, short = contents.runs
     assert (whole.finished, short.finished) == (True, False)
     assert whole.steps == whole.planned_steps == UPDATES * BUFFER
     assert short.steps == 40 * BUFFER
     assert whole.metrics is not None
     assert math.isnan(whole.metrics["return"][0])
     assert whole.command == "python train.py 'cams=[dep_front,seg_side]' seed=0"
-    assert found.left_out == ()
+    assert contents.left_out == ()
 
 
 def test_what_a_real_run_writes_is_read(tmp_path):
@@ -74,24 +74,24 @@ def test_what_a_real_run_writes_is_read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "said"),
+    ("name", "text", "message"),
     [
         ("config.yaml", "seed: 0", "config.yaml: has no cams"),
         ("metrics.csv", "update,return\n1,2\n", "metrics.csv: has no steps that rise"),
         ("config.yaml", "another run's", "is dep_front+seg_side/human/seed0, as is"),
     ],
 )
-def test_a_run_that_cannot_be_read_is_named_and_left_out(study, name, text, said):
+def test_a_run_that_cannot_be_read_is_named_and_left_out(study, name, text, message):
     run = study / "rgb_default" / "human" / "seed0"
     if text == "another run's":
         text = (study / "dep_front+seg_side/human/seed0/config.yaml").read_text()
     (run / name).write_text(text)
-    found = read_study(study)
-    assert [one.place.cameras for one in found.runs] == ["dep_front+seg_side"]
-    (reason,) = found.left_out
+    contents = read_study(study)
+    assert [record.place.cameras for record in contents.runs] == ["dep_front+seg_side"]
+    (reason,) = contents.left_out
     assert reason.startswith("rgb_default/human/seed0: ")
-    assert said in reason
-    if "as is" not in said:
+    assert message in reason
+    if "as is" not in message:
         with pytest.raises(ValueError, match=r"seed0: \w+\.(yaml|json|csv)"):
             read_run(run)
 
@@ -148,13 +148,13 @@ def test_time_to_a_share_is_the_first_buffer_that_holds_it(study):
 
 def test_answers_become_the_rows_of_table_1(tmp_path):
     write_answers(tmp_path)
-    found = read_answers(tmp_path / "vlm")
-    assert found is not None
-    assert found.source == "test-model"
-    said = {one.question: one.answer for one in found.questions}
-    assert said["Best view for subtask 2"] == "side"
-    assert said["Best view to see that the needle is lifted"] == "front"
-    assert said["Best combination of views"] == "front and side"
+    answers = read_answers(tmp_path / "vlm")
+    assert answers is not None
+    assert answers.source == "test-model"
+    rows = {row.question: row.answer for row in answers.questions}
+    assert rows["Best view for subtask 2"] == "side"
+    assert rows["Best view to see that the needle is lifted"] == "front"
+    assert rows["Best combination of views"] == "front and side"
     assert read_answers(tmp_path) is None
 
 
@@ -165,9 +165,9 @@ def test_repeated_rankings_have_mean_places_and_stated_probabilities(tmp_path):
         tmp_path / "vlm" / "rankings.json",
         lists=[{"rankings": orders, "sure": [[0.9], [0.6], [0.8]]}],
     )
-    found = read_answers(tmp_path / "vlm")
-    assert found is not None
-    (ranking,) = found.rankings
+    answers = read_answers(tmp_path / "vlm")
+    assert answers is not None
+    (ranking,) = answers.rankings
     assert ranking.places == {"a": pytest.approx(4 / 3), "b": pytest.approx(5 / 3)}
     assert ranking.sure == [("a", "b", 0.9), ("b", "a", 0.6), ("a", "b", 0.8)]
 
@@ -197,4 +197,4 @@ def test_the_studys_rooms_import_one_way():
     for number, room in enumerate(rooms):
         for path in (home / room).glob("*.py"):
             text = path.read_text()
-            assert not [one for one in rooms[number + 1 :] if f"needlehoop.study.{one}" in text]
+            assert not [name for name in rooms[number + 1 :] if f"needlehoop.study.{name}" in text]

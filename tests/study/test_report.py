@@ -64,9 +64,9 @@ def test_the_page_sorts_fits_and_asks_for_nothing(study, tmp_path):
             returns = [float(cell.get_attribute("textContent")) for cell in cells]
             assert returns == sorted(returns, reverse=not rising)
         assert browser.get_log("browser") == []
-        events = [json.loads(one["message"])["message"] for one in browser.get_log("performance")]
-        asked = [e["params"]["request"]["url"] for e in events if "requestWill" in e["method"]]
-        assert [url for url in asked if not url.startswith("data:")] == [address]
+        events = [json.loads(row["message"])["message"] for row in browser.get_log("performance")]
+        urls = [e["params"]["request"]["url"] for e in events if "requestWill" in e["method"]]
+        assert [url for url in urls if not url.startswith("data:")] == [address]
     finally:
         browser.quit()
 

@@ -39,8 +39,8 @@ def age(run: Path, seconds: float) -> None:
 
 
 def stands(study: Path) -> dict[str, Standing]:
-    found = standings(read_study(study), read_job_ends(study))
-    return {str(one.place): one for one in found}
+    runs = standings(read_study(study), read_job_ends(study))
+    return {str(run.place): run for run in runs}
 
 
 def note_outcome(study: Path, job: int, cameras: str, outcome: str, ago: float = 0.0) -> None:
@@ -55,18 +55,18 @@ def note_outcome(study: Path, job: int, cameras: str, outcome: str, ago: float =
 
 
 def test_states_and_time_left(study):
-    found = stands(study)
-    assert {name: one.state for name, one in found.items()} == {
+    runs = stands(study)
+    assert {name: run.state for name, run in runs.items()} == {
         "dep_front+seg_side/human/seed0": DONE,
         "dep_front+seg_side/human/seed1": RUNNING,
         "rgb_default/human/seed0": STOPPED,
         "rgb_default/human/seed1": MISSING,
     }
-    running, stopped = found["dep_front+seg_side/human/seed1"], found["rgb_default/human/seed0"]
+    running, stopped = runs["dep_front+seg_side/human/seed1"], runs["rgb_default/human/seed0"]
     assert running.rate == pytest.approx(BUFFER / 16.0)
     assert running.left == pytest.approx((UPDATES - 60) * 16.0)
     assert stopped.left == pytest.approx((UPDATES - 20) * 16.0)
-    assert found["rgb_default/human/seed1"].left == pytest.approx(UPDATES * 16.0)
+    assert runs["rgb_default/human/seed1"].left == pytest.approx(UPDATES * 16.0)
 
 
 def test_a_run_between_two_slow_buffers_is_still_running(tmp_path):
@@ -98,12 +98,12 @@ def test_a_failed_job_of_a_sweep_is_a_failed_run_until_it_goes_on(study, capsys)
     note_outcome(study, 2, "dep_side", "failed", ago=50)
     note_outcome(study, 3, "dep_side", "stopped")
     note_outcome(study.parent / "other", 4, "dep_default", "failed")
-    found = stands(study)
-    assert found["rgb_default/human/seed0"].state == FAILED
-    assert found["rgb_default/human/seed0"].error == "RuntimeError: no memory"
-    assert found["seg_side/human/seed0"].state == FAILED
-    assert found["dep_side/human/seed0"].state == MISSING
-    assert "dep_default/human/seed0" not in found
+    runs = stands(study)
+    assert runs["rgb_default/human/seed0"].state == FAILED
+    assert runs["rgb_default/human/seed0"].error == "RuntimeError: no memory"
+    assert runs["seg_side/human/seed0"].state == FAILED
+    assert runs["dep_side/human/seed0"].state == MISSING
+    assert "dep_default/human/seed0" not in runs
     assert main(["status", str(study)]) == 0
     assert "failed: seg_side/human/seed0: RuntimeError: no memory" in capsys.readouterr().out
     age(run, -1)
@@ -114,11 +114,11 @@ def test_the_command_prints_a_table_and_what_was_left_out(study, capsys):
     bad = write_run(study, "seg_side", updates=20)
     (bad / "manifest.json").write_text("{")
     assert main(["status", str(study)]) == 0
-    said = capsys.readouterr().out
-    lines = [line.split() for line in said.splitlines()]
+    output = capsys.readouterr().out
+    lines = [line.split() for line in output.splitlines()]
     assert ["dep_front+seg_side/human/seed0", "done", "100%", "640"] in lines
     assert ["dep_front+seg_side/human/seed1", "running", "62%", "640", "10", "min"] in lines
     assert ["rgb_default/human/seed1", "missing", "0%", "26", "min"] in lines
     tally = "1 done, 1 running, 1 stopped, 0 failed, 1 missing; 56 min of training left"
-    assert f"{tally} with 1 at a time" in said
-    assert "left out: seg_side/human/seed0: manifest.json: " in said
+    assert f"{tally} with 1 at a time" in output
+    assert "left out: seg_side/human/seed0: manifest.json: " in output

@@ -90,14 +90,14 @@ def test_results_are_in_order_reward_by_reward(findings):
 def test_results_say_how_soon_each_seed_succeeds(findings):
     told = set()
     for row, result in zip(rows_of(results(findings))[:14], findings.ranked, strict=True):
-        for run, said in zip(result.runs, row["M steps to 90 %"].split(", "), strict=True):
+        for run, cell in zip(result.runs, row["M steps to 90 %"].split(", "), strict=True):
             assert run.metrics is not None
             step, share = run.metrics["step"].to_numpy(), run.metrics["success"].to_numpy()
             sooner = [
                 step[i] for i in range(4, len(step)) if np.nanmean(share[i - 4 : i + 1]) >= 0.9
             ]
-            assert said == (f"{sooner[0] / 1e6:.2f}" if sooner else "not reached")
-            told.add(said)
+            assert cell == (f"{sooner[0] / 1e6:.2f}" if sooner else "not reached")
+            told.add(cell)
     assert "not reached" in told
     assert len(told) > 2
 
@@ -110,9 +110,9 @@ def test_table_2_sets_ours_beside_the_papers(findings):
     assert (first["measured"], first["the paper's measured"]) == ("1", "1")
     assert (first["the paper's return"], first["the paper's VLM"]) == ("8.92", "1")
     for name in ("RGB and depth", "RGB and segmentation", "Depth and segmentation"):
-        own = sorted((row for row in rows if row["list"] == name), key=lambda row: row["measured"])
-        assert [row["measured"] for row in own] == [str(i + 1) for i in range(len(own))]
-        returns = [float(row["return"]) for row in own]
+        part = sorted((row for row in rows if row["list"] == name), key=lambda row: row["measured"])
+        assert [row["measured"] for row in part] == [str(i + 1) for i in range(len(part))]
+        returns = [float(row["return"]) for row in part]
         assert returns == sorted(returns, reverse=True)
 
 
@@ -121,24 +121,24 @@ def test_rankings_stand_side_by_side(tmp_path):
     (tmp_path / "probe").mkdir()
     (tmp_path / "probe" / "ranking.csv").write_text(PROBE)
     table = table_2(study_findings(study))
-    who = ("the paper's VLM", "claude", "probe", "measured", "return over training")
-    who += ("the paper's measured",)
-    asked = [f"claude, {how}" for how in LESS]
+    sources = ("the paper's VLM", "claude", "probe", "measured", "return over training")
+    sources += ("the paper's measured",)
+    variants = [f"claude, {how}" for how in LESS]
     numbers = ("return", "return, 95 %", "success, %", "the paper's return")
-    assert (*table.rows,) == ("list", "cameras", *numbers, *who[:2], *asked, *who[2:])
+    assert (*table.rows,) == ("list", "cameras", *numbers, *sources[:2], *variants, *sources[2:])
     rows = {(row["list"], row["cameras"]): row for row in rows_of(table)}
     best = rows["RGB and depth", "dep_front+rgb_side"]
     # Claude's first is the paper's second; the probe's tie shares its mean place.
-    assert [best[name] for name in who] == ["1", "2", "2.5", "", "", "1"]
+    assert [best[name] for name in sources] == ["1", "2", "2.5", "", "", "1"]
     assert best["return, 95 %"] == "not run"
     assert rows["RGB and depth", "rgb_default"]["measured"] == "1 of 1"
     # The probe has not seen all of the other lists.
     assert rows["Depth and segmentation", "dep_front+seg_side"]["probe"] == ""
-    said = rows_of(agreements(study_findings(study)))
+    fits = rows_of(agreements(study_findings(study)))
     assert ("probe", "the paper's measured") in {
-        (row["prediction"], row["against"]) for row in said
+        (row["prediction"], row["against"]) for row in fits
     }
-    assert "4 of 5 not measured" in {row["regret"] for row in said}
+    assert "4 of 5 not measured" in {row["regret"] for row in fits}
 
 
 def test_agreement_is_given_for_each_pair_of_sides(findings):
@@ -160,9 +160,9 @@ def test_agreement_is_given_for_each_pair_of_sides(findings):
 
 
 def test_table_1_has_the_models_answers_side_by_side(findings):
-    said = {row["question"]: row for row in rows_of(table_1(findings))}
-    row = said["Best view for subtask 2"]
-    assert [row[who] for who in ("test-model", "claude", "the paper's VLM")] == ["side"] * 3
+    rows = {row["question"]: row for row in rows_of(table_1(findings))}
+    row = rows["Best view for subtask 2"]
+    assert [row[source] for source in ("test-model", "claude", "the paper's VLM")] == ["side"] * 3
 
 
 def test_a_study_of_another_task_says_nothing_of_the_paper(tmp_path):
@@ -194,7 +194,7 @@ def test_disturbances_are_summed_up_over_axes_and_runs(tmp_path):
 def test_predictions_are_held_against_the_commonest_reward(tmp_path):
     sets = ["rgb_default", "rgb_default+dep_default", "rgb_front+rgb_side", "rgb_front+dep_side"]
     pairs = [(cameras, "expert") for cameras in (*sets, "dep_front+rgb_side")]
-    own = study_findings(write_study(tmp_path / "main", pairs, seeds=2))
-    assert own.main_reward == "expert"
-    rows = rows_of(agreements(own))
+    findings = study_findings(write_study(tmp_path / "main", pairs, seeds=2))
+    assert findings.main_reward == "expert"
+    rows = rows_of(agreements(findings))
     assert ("claude", "measured") in {(r["prediction"], r["against"]) for r in rows if r["tau-b"]}

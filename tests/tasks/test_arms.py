@@ -32,8 +32,8 @@ def test_each_arm_is_the_chain_from_where_it_stands(variant):
     places = psm.forward_kinematics(joints).numpy()
     qpos = np.tile(model.qpos0, (len(joints), 1))
     # The arms in different postures at the same time.
-    for name, own in zip(ARMS, (joints, joints.flip(0)), strict=True):
-        psm.poser(model, f"{name}_")(qpos, own.numpy(), np.zeros(len(own)))
+    for name, posture in zip(ARMS, (joints, joints.flip(0)), strict=True):
+        psm.poser(model, f"{name}_")(qpos, posture.numpy(), np.zeros(len(posture)))
     for k, row in enumerate(qpos):
         data.qpos[:] = row
         mujoco.mj_forward(model, data)
@@ -60,9 +60,9 @@ def test_an_action_moves_its_arm_and_leaves_the_other(moved):
     for _ in range(5):
         after = simulation.step(0.0 * action).signals
     for index, name in enumerate(ARMS):
-        own = (f"{name}_tool_midpoint", f"{name}_jaw", f"{name}_joints", f"{name}_jaw_command")
+        keys = (f"{name}_tool_midpoint", f"{name}_jaw", f"{name}_joints", f"{name}_jaw_command")
         tool, jaw, joints, command = (
-            (getattr(after, one) - getattr(before, one)).squeeze(0) for one in own
+            (getattr(after, key) - getattr(before, key)).squeeze(0) for key in keys
         )
         went = torch.tensor([0.009, 0.018, 0.0126]) if index == moved else torch.zeros(3)
         torch.testing.assert_close(tool, went.double(), rtol=0, atol=5e-4)
@@ -101,10 +101,10 @@ def test_signals_of_an_arm_are_the_single_arms_under_its_name():
     table = settings.definition.signals
     for name, word in ARMS.items():
         for key, row in single.items():
-            own = table[f"{name}_{key}"]
-            assert (own.shape, own.unit, own.frame) == (row.shape, row.unit, row.frame)
-            assert own.meaning == f"{word}: {row.meaning}"
-            assert [one.objname for one in own.sensors] == [
+            signal = table[f"{name}_{key}"]
+            assert (signal.shape, signal.unit, signal.frame) == (row.shape, row.unit, row.frame)
+            assert signal.meaning == f"{word}: {row.meaning}"
+            assert [one.objname for one in signal.sensors] == [
                 f"{name}_{one.objname}" for one in row.sensors
             ]
     proprio = settings.definition.robot.proprio

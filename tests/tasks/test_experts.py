@@ -13,14 +13,14 @@ from needlehoop.scene.signals import Signals
 EPISODES = 200 if ALL else 24
 
 
-def flown(task: str, grasp: str, who: str, rate: float, least: float, full: bool = False):
+def flown(task: str, grasp: str, kind: str, rate: float, least: float, full: bool = False):
     words = [f"task={task}", *([f"episode.grasp={grasp}"] if grasp else [])]
     marks = [pytest.mark.full] if full else []
-    return pytest.param(words, who, rate, least, id=f"{task} {grasp} {who}", marks=marks)
+    return pytest.param(words, kind, rate, least, id=f"{task} {grasp} {kind}", marks=marks)
 
 
 @pytest.mark.parametrize(
-    ("words", "who", "rate", "least"),
+    ("words", "kind", "rate", "least"),
     [
         flown("standard", "weld", "expert", 0.98, 8.0),
         flown("standard", "friction", "expert", 0.90, 8.0),
@@ -30,25 +30,25 @@ def flown(task: str, grasp: str, who: str, rate: float, least: float, full: bool
         flown("peg_transfer/standard", "weld", "expert", 0.98, 8.0),
         flown("peg_transfer/wide", "friction", "smooth", 0.90, 8.0),
         *(
-            flown(f"peg_transfer/{layout}", grasp, who, rate, 8.0, full=True)
+            flown(f"peg_transfer/{layout}", grasp, kind, rate, 8.0, full=True)
             for layout in ("near", "wide")
             for grasp, rate in (("weld", 0.98), ("friction", 0.90))
-            for who in ("expert", "smooth")
+            for kind in ("expert", "smooth")
         ),
         flown("reach/wide", "", "expert", 0.99, 7.9),
         flown("reach/wide", "", "smooth", 0.99, 7.9),
         flown("handover/standard", "weld", "expert", 0.98, 8.4),
         flown("handover/wide", "friction", "smooth", 0.85, 8.4),
         *(
-            flown(f"handover/{layout}", grasp, who, rate, 8.4, full=True)
+            flown(f"handover/{layout}", grasp, kind, rate, 8.4, full=True)
             for layout in ("standard", "wide")
             for grasp, rate in (("weld", 0.98), ("friction", 0.85))
-            for who in ("expert", "smooth")
+            for kind in ("expert", "smooth")
         ),
     ],
 )
-def test_the_experts_succeed(words, who, rate, least):
-    outcome = run_trials(compose_settings(words), who, EPISODES)
+def test_the_experts_succeed(words, kind, rate, least):
+    outcome = run_trials(compose_settings(words), kind, EPISODES)
     assert outcome.success.double().mean() >= rate
     done = outcome.potential[outcome.success]
     assert least <= done.min() <= done.max() <= 12.2
@@ -88,7 +88,7 @@ def test_trials_do_not_depend_on_how_many_there_are():
 
 
 @pytest.mark.parametrize(
-    ("task", "places", "away", "sigma", "who", "least", "most"),
+    ("task", "places", "away", "sigma", "kind", "least", "most"),
     [
         ("standard", ("pickup_point", "needle_tip"), 0.004, 0.0035, "smooth", 0.7, 1.0),
         ("standard", ("pickup_point", "needle_tip"), 0.004, 0.0035, "expert", 0.0, 0.2),
@@ -98,14 +98,14 @@ def test_trials_do_not_depend_on_how_many_there_are():
     ],
 )
 def test_only_the_smooth_expert_can_do_with_what_images_give(
-    task, places, away, sigma, who, least, most
+    task, places, away, sigma, kind, least, most
 ):
     # A learner does what the expert would do on average over what may be there, and is wrong
     # about it in the same way throughout an episode.
     settings = compose_settings([f"num_envs={40}", f"task={task}"])
     simulation = build(settings)
     generator = torch.Generator().manual_seed(0)
-    script = controller(who, settings)
+    script = controller(kind, settings)
     bias = torch.randn(40, 3, generator=generator, dtype=torch.float64)
     bias *= away / bias.norm(dim=-1, keepdim=True)
 
@@ -133,10 +133,10 @@ def test_only_the_smooth_expert_can_do_with_what_images_give(
 
 
 @pytest.mark.parametrize("task", ["standard", "peg_transfer", "reach"])
-@pytest.mark.parametrize("who", ["expert", "smooth"])
-def test_actions_are_within_bounds_and_of_one_control_mode(task, who):
+@pytest.mark.parametrize("kind", ["expert", "smooth"])
+def test_actions_are_within_bounds_and_of_one_control_mode(task, kind):
     settings = compose_settings([f"task={task}"])
-    script, simulation = controller(who, settings), build(settings)
+    script, simulation = controller(kind, settings), build(settings)
     moment = simulation.reset()
     for _ in range(60):
         action = script(moment.signals)
@@ -145,7 +145,7 @@ def test_actions_are_within_bounds_and_of_one_control_mode(task, who):
         moment = simulation.step(action)
     other = compose_settings([f"task={task}", "episode.control=pose"])
     with pytest.raises(ValueError, match=r"episode\.control"):
-        controller(who, other)
+        controller(kind, other)
 
 
 def test_an_unknown_controller_is_refused_by_name():

@@ -132,12 +132,12 @@ BLOCK = {
 def test_jaws_hold_what_is_between_them_and_nothing_else(task, cases, grasp):
     """Weld and friction say the same, and what is held comes along."""
     bench = Bench(task, grasp, [(offset, turn) for offset, turn, _ in cases.values()])
-    wanted = {name: held for name, (_, _, held) in cases.items()}
+    expected = {name: held for name, (_, _, held) in cases.items()}
     moment = bench.close()
     before = moment.signals.pickup_point[:, 2].clone()
-    assert dict(zip(cases, moment.facts["grasped"].tolist(), strict=True)) == wanted
+    assert dict(zip(cases, moment.facts["grasped"].tolist(), strict=True)) == expected
     risen = bench.rise().signals.pickup_point[:, 2] > before + 0.015
-    assert dict(zip(cases, risen.tolist(), strict=True)) == wanted
+    assert dict(zip(cases, risen.tolist(), strict=True)) == expected
 
 
 @pytest.mark.parametrize("grasp", GRASPS)

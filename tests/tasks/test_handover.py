@@ -34,20 +34,20 @@ def decided(first: bool, second: bool, height: float, steps: int = 50, **memory:
     held = {"grasped_1": first, "grasped_2": second, "both": False, "released": False}
     past = {**held, "released_since": 0, "lifted_since": 0, "steps": steps, **memory}
     jaw, no = torch.zeros(1).double(), torch.zeros(1, dtype=torch.bool)
-    own = {"jaw": jaw, "jaw_1_touch": no, "jaw_2_touch": no}
-    own |= {"wrist_pos": torch.zeros(1, 3).double(), "tool_quat": torch.zeros(1, 4).double()}
-    own["wrist_quat"] = torch.tensor([[1.0, 0, 0, 0]]).double()
-    readings = {f"psm{arm}_{key}": value for arm in (1, 2) for key, value in own.items()}
+    values = {"jaw": jaw, "jaw_1_touch": no, "jaw_2_touch": no}
+    values |= {"wrist_pos": torch.zeros(1, 3).double(), "tool_quat": torch.zeros(1, 4).double()}
+    values["wrist_quat"] = torch.tensor([[1.0, 0, 0, 0]]).double()
+    readings = {f"psm{arm}_{key}": value for arm in (1, 2) for key, value in values.items()}
     readings["needle_middle"] = torch.tensor([[0.0, 0.0, height]]).double()
     readings["needle_quat"] = torch.tensor([[1.0, 0, 0, 0]]).double()
     was = {name: torch.tensor([value]) for name, value in past.items()}
     was |= {"psm1_jaw": jaw, "psm2_jaw": jaw}
-    found, welds = facts.observe(s.task, s.episode, was, readings)
+    outcome, welds = facts.observe(s.task, s.episode, was, readings)
     assert not (welds["psm1_grasp"].changed | welds["psm2_grasp"].changed).any()
-    assert {name: tuple(value.shape) for name, value in found.items()} == {
+    assert {name: tuple(value.shape) for name, value in outcome.items()} == {
         fact.name: (1,) for fact in TASK.facts
     }
-    return {name for name, value in found.items() if bool(value)}
+    return {name for name, value in outcome.items() if bool(value)}
 
 
 UP, LOW = 0.030, 0.008
@@ -130,7 +130,7 @@ def test_a_needle_that_was_dropped_and_picked_up_by_the_other_arm_is_not_handed(
     seen += fly(scene, "handed", most=20)
     assert scene.moment.facts["has_fetched"].all()
     assert scene.moment.facts["cheat"].all()
-    assert not any((one["handed"] | one["released"] | one["success"]).any() for one in seen)
+    assert not any((step["handed"] | step["released"] | step["success"]).any() for step in seen)
     assert scene.moment.potential.max() < 2.5
 
 
@@ -143,7 +143,7 @@ def test_a_needle_that_psm_1_does_not_let_go_of_is_not_handed(grasp):
     scene = told(grasp)
     fly(scene, "both", clings)
     seen = fly(scene, "handed", clings, most=40)
-    assert all(one["both"].all() for one in seen)
+    assert all(step["both"].all() for step in seen)
     assert scene.moment.potential.max() < 7.5
 
 
@@ -155,7 +155,7 @@ def test_psm_2_letting_go_early_is_not_handed():
     scene = told()
     fly(scene, "has_released", opens)
     seen = fly(scene, "handed", opens, most=9)
-    assert not any(one["success"].any() for one in seen)
+    assert not any(step["success"].any() for step in seen)
     assert not scene.moment.facts["lifted"].any()
 
 
@@ -182,9 +182,9 @@ def test_the_second_arm_is_paid_for_waiting_with_open_jaws_where_it_takes_the_ne
     def waiting(height: float, jaw: float) -> Tensor:
         s.psm2_tool_midpoint = place + torch.tensor([0.0, 0.0, height]).double()
         s.psm2_jaw_command = torch.full((3,), jaw).double()
-        found = scene.simulation.reward(s)
-        assert all(torch.equal(found[key], before[key]) for key in before if key != "take")
-        return found["take"]
+        terms = scene.simulation.reward(s)
+        assert all(torch.equal(terms[key], before[key]) for key in before if key != "take")
+        return terms["take"]
 
     ready = waiting(0.0, 1.35)
     assert (ready > before["take"] + 0.05).all()
@@ -262,13 +262,13 @@ def test_episodes_begin_with_the_needle_at_rest_in_reach_of_both(layout):
 
 def test_it_is_told_without_what_decides_success():
     s = handover()
-    (said,) = reward_prompt(s, RULES)
-    assert "$" not in said
+    (prompt,) = reward_prompt(s, RULES)
+    assert "$" not in prompt
     (posed,) = reward_prompt(handover("episode.control=pose"), RULES)
     assert "about each axis of its arm's base" in posed
-    assert not re.search(r"\b(verdict|cheat|fetched|hold_steps|hoop)\b", said)
-    assert TASK.cheating not in said
+    assert not re.search(r"\b(verdict|cheat|fetched|hold_steps|hoop)\b", prompt)
+    assert TASK.cheating not in prompt
     (other,) = reward_prompt(handover("episode.hold_steps=17"), RULES)
-    assert other == said
+    assert other == prompt
     (changed,) = reward_prompt(handover("episode.lift_height=0.0107"), RULES)
     assert "more than 10.7 mm above the table" in changed

@@ -88,7 +88,7 @@ def seen(
     _, tip = layout.needle_angles
     point = torch.from_numpy(layout.centre_line(np.array([tip])))
     grip = row(0.0, 0.0, layout.grip)
-    one, two = torch.tensor(touch).split(1)
+    touch_1, touch_2 = torch.tensor(touch).split(1)
     return {
         "tool_midpoint": position - geo.rotate(tool_quat, row(*at)),
         "tool_quat": tool_quat,
@@ -102,8 +102,8 @@ def seen(
         "lift_position": HOOP - row(0.0, 0.06, 0.0),
         "joints": torch.zeros(1, 6, dtype=torch.float64),
         "jaw": torch.tensor([gap], dtype=torch.float64),
-        "jaw_1_touch": one,
-        "jaw_2_touch": two,
+        "jaw_1_touch": touch_1,
+        "jaw_2_touch": touch_2,
     }
 
 
@@ -356,10 +356,10 @@ def test_success_terminates_and_only_time_truncates(layout, episode, late, succe
     episode = replace(episode, end_on_success=ends)
     state = state_of(layout, episode, grasped=True, steps=episode.max_steps - (not late))
     needle = through(layout) if success else needle_at(layout, (0, -0.05, 0), 0.0)
-    found = stepping.observe(TASK, layout, episode, state, seen(layout, needle))
+    result = stepping.observe(TASK, layout, episode, state, seen(layout, needle))
     terminated = success and ends
-    assert bool(is_terminated(episode, found.facts)) == terminated
-    assert bool(is_truncated(episode, found.memory, found.facts)) == (late and not terminated)
+    assert bool(is_terminated(episode, result.facts)) == terminated
+    assert bool(is_truncated(episode, result.memory, result.facts)) == (late and not terminated)
 
 
 @pytest.mark.parametrize(("success", "at_goal"), [("thread", False), ("touch", True)])
@@ -369,10 +369,10 @@ def test_what_success_is_can_be_chosen(layout, episode, success, at_goal):
     state = state_of(layout, episode, grasped=True)
     _, tip = layout.needle_angles
     through_, before = through(layout), needle_at(layout, (0.0, -0.0005, 0.0), tip)
-    for needle, wanted in ((before, at_goal), (through_, not at_goal)):
-        found = stepping.observe(TASK, layout, episode, state, seen(layout, needle))
-        assert bool(found.facts["success"]) == wanted
-        assert bool(is_terminated(episode, found.facts)) == wanted
+    for needle, expected in ((before, at_goal), (through_, not at_goal)):
+        result = stepping.observe(TASK, layout, episode, state, seen(layout, needle))
+        assert bool(result.facts["success"]) == expected
+        assert bool(is_terminated(episode, result.facts)) == expected
 
 
 # Actions.

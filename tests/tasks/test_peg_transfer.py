@@ -191,8 +191,8 @@ def test_the_block_begins_over_a_peg_that_is_not_the_marked_one(layout):
     nearest = torch.linalg.vector_norm(places - begun.free["block"][:, None, :2], dim=-1).argmin(-1)
     assert (nearest < 5).all()
     marked = begun.mocap["marked"][:, :2] - begun.mocap["board"][:, :2]
-    found = {tuple(round(v, 4) for v in one) for one in marked.tolist()}
-    assert found == {settings.task.pegs[i] for i in settings.task.goals}
+    marks = {tuple(round(v, 4) for v in place) for place in marked.tolist()}
+    assert marks == {settings.task.pegs[i] for i in settings.task.goals}
 
 
 # The physics.

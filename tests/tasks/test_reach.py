@@ -40,7 +40,7 @@ def stayed(path: list[Tensor]) -> list[bool]:
     settings = settings_of()
     at = (TASK, settings.task, settings.episode)
     begun = start(settings.task, Chance(torch.full((1, NUMBERS), 0.5, dtype=torch.float64)))
-    memory, found = stepping.begin(TASK, settings.episode, begun), []
+    memory, successes = stepping.begin(TASK, settings.episode, begun), []
     still = {"target": TARGET, "tool_quat": torch.zeros(1, 4), "wrist_quat": torch.zeros(1, 4)}
     still |= {"wrist_pos": TARGET, "joints": torch.zeros(1, 6), "jaw": torch.zeros(1)}
     for tool in path:
@@ -48,8 +48,8 @@ def stayed(path: list[Tensor]) -> list[bool]:
         # Looking again is no step.
         for _ in range(2):
             memory, _, facts, _ = stepping.observe(*at, memory, {**still, "tool_midpoint": tool})
-        found.append(bool(facts["success"]))
-    return found
+        successes.append(bool(facts["success"]))
+    return successes
 
 
 IN, OUT = (1.0, 1.0, -1.0), (0.0, 0.0, 20.0)
@@ -77,9 +77,9 @@ def test_the_right_height_over_another_mark_is_not_the_target():
     simulation.begin()
     above = np.array([0.0, 0.0, layout.target_above_bump])
     for env in range(32):
-        one = simulation.engine.data(env)
-        points = np.stack([one.body(f"mark_{i}").xpos for i in range(BUMPS)]) + above
-        away = np.linalg.norm(points - one.body("target").xpos, axis=1)
+        data = simulation.engine.data(env)
+        points = np.stack([data.body(f"mark_{i}").xpos for i in range(BUMPS)]) + above
+        away = np.linalg.norm(points - data.body("target").xpos, axis=1)
         chosen.append(int(away.argmin()))
         assert away.min() < 1e-12
         # Whoever is at another one is far from being near.
@@ -110,19 +110,19 @@ def test_bumps_and_target_stand_where_the_tool_can_be_and_cameras_look(variant):
         assert (place <= torch.tensor(layout.workspace_upper)).all()
     tops = torch.stack([begun.mocap[f"bump_{i}"] for i in range(BUMPS)], 1)
     assert (tops[..., 2] > 0).all()
-    one, other = torch.triu_indices(BUMPS, BUMPS, 1)
-    gaps = (tops[:, one] - tops[:, other])[..., :2].norm(dim=-1)
+    rows, columns = torch.triu_indices(BUMPS, BUMPS, 1)
+    gaps = (tops[:, rows] - tops[:, columns])[..., :2].norm(dim=-1)
     assert gaps.min() > 2 * layout.target_radius
 
 
 # What pays.
 
 
-@pytest.mark.parametrize("who", [Expert, Smooth, "random"])
-def test_success_ends_with_the_highest_potential(who):
+@pytest.mark.parametrize("kind", [Expert, Smooth, "random"])
+def test_success_ends_with_the_highest_potential(kind):
     simulation = simulation_of("num_envs=40", "seed=11")
-    own = (simulation.layout, simulation.episode)
-    act = random_controller(5, 0) if who == "random" else who(*own)
+    setup = (simulation.layout, simulation.episode)
+    act = random_controller(5, 0) if kind == "random" else kind(*setup)
     moment, done = simulation.reset(), torch.zeros(40, dtype=torch.bool)
     paid = torch.zeros(40, dtype=torch.float64)
     for _ in range(simulation.episode.max_steps):
@@ -132,4 +132,4 @@ def test_success_ends_with_the_highest_potential(who):
         done |= moment.facts["success"]
         assert (moment.potential[moment.facts["success"]] > 7.9).all()
         assert (moment.potential[~moment.facts["success"]] <= 5.0).all()
-    assert bool(done.all()) == (who != "random")
+    assert bool(done.all()) == (kind != "random")

@@ -37,8 +37,8 @@ def say(script: Path, *words: str) -> subprocess.CompletedProcess[str]:
     ],
 )
 def test_a_script_is_one_command_from_any_folder(scripts, words, command):
-    name, *given = words.split()
-    done = say(scripts / name, *given)
+    name, *overrides = words.split()
+    done = say(scripts / name, *overrides)
     assert (done.returncode, done.stdout) == (0, f"train.py {command}\n")
 
 

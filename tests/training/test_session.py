@@ -90,13 +90,13 @@ def test_a_run_under_way_is_left_alone(folder):
 
 def test_a_run_with_other_settings_is_not_taken_for_the_same(folder):
     run_composed(composed(*TINY, "existing=resume", "engine.threads=2"))
-    for words, said in (
+    for words, message in (
         (["existing=resume", "engine.renderer=tracer"], r"exists with another engine\.renderer;"),
         (["existing=resume", "steps=128", "algo.gamma=0.5"], "exists with another algo, steps;"),
         ([], "exists; go on with"),
         (["existing=skip"], "existing: 'skip' is unknown; choose from auto, stop, resume"),
     ):
-        with pytest.raises(ValueError, match=said):
+        with pytest.raises(ValueError, match=message):
             run_composed(composed(*TINY, *words))
 
 
@@ -114,9 +114,9 @@ def test_a_run_of_before_a_setting_existed_is_the_same_run(folder, whole):
     path, later = folder / "config.yaml", ("disturb", "label", "task_dir")
     values = yaml.safe_load(path.read_text())
     path.write_text(yaml.safe_dump({k: v for k, v in values.items() if k not in later}))
-    others = composed(*TINY, "existing=resume", "disturb=mild", "episode.grasp=friction")
+    config = composed(*TINY, "existing=resume", "disturb=mild", "episode.grasp=friction")
     with pytest.raises(ValueError, match="exists with another disturb, episode;"):
-        run_composed(others)
+        run_composed(config)
     run_composed(composed(*TINY, "existing=resume"))
     assert outcome(folder) == whole
 

@@ -42,7 +42,7 @@ def started(monkeypatch, tmp_path) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["cams=[rgb_top],[seg_side]"], "cams/rgb_top.*dep_default dep_ecm_left"),
         (
@@ -57,8 +57,8 @@ def started(monkeypatch, tmp_path) -> list[str]:
         ),
     ],
 )
-def test_a_mistake_in_one_run_stops_all(started, tmp_path, words, said):
-    with pytest.raises(SystemExit, match=f"nothing was started: .*{said}") as caught:
+def test_a_mistake_in_one_run_stops_all(started, tmp_path, words, message):
+    with pytest.raises(SystemExit, match=f"nothing was started: .*{message}") as caught:
         run_train("-m", *words)
     assert "\n" not in str(caught.value.code)
     assert started == list(tmp_path.iterdir()) == []
@@ -93,9 +93,9 @@ def test_a_failed_run_stops_no_other_and_the_same_command_does_the_rest(
     with pytest.raises(SystemExit) as caught:
         run_train(*words)
     assert caught.value.code == "the same command, without overwrite=true, does what is missing"
-    said = capfd.readouterr().out
-    assert "3 runs, 1 failed" in said
-    assert "seed=1 " in said.splitlines()[-1]
+    output = capfd.readouterr().out
+    assert "3 runs, 1 failed" in output
+    assert "seed=1 " in output.splitlines()[-1]
     assert main(["status", "results/main"]) == 0
     assert "signals/sparse/seed1  failed" in capfd.readouterr().out
     began = {seed: finished(seed)["started"] for seed in (0, 2)}
@@ -131,20 +131,20 @@ def test_runs_of_a_sweep_that_differ_have_folders_of_their_own(tmp_path, monkeyp
         f"signals/sparse+algo.learning_rate-{rate}+task-{task}/seed0": (rate, task)
         for rate, task in product(("0.0001", "0.0003"), ("near", "wide"))
     }
-    found = {str(run.place): run for run in read_study(Path("results/main")).runs}
-    assert found.keys() == places.keys()
+    runs = {str(run.place): run for run in read_study(Path("results/main")).runs}
+    assert runs.keys() == places.keys()
     for place, (rate, task) in places.items():
-        own = compose_settings([f"task={task}"]).task.needle_yaw_range
-        config = found[place].config
+        yaw_range = compose_settings([f"task={task}"]).task.needle_yaw_range
+        config = runs[place].config
         assert str(config["algo"]["learning_rate"]) == rate
-        assert config["task"]["needle_yaw_range"] == own
+        assert config["task"]["needle_yaw_range"] == yaw_range
     # What they are called by does not depend on the order of the words.
     run_train("-m", *TINY, *reversed(words[-2:]))
     assert "4 runs, 0 failed, 4 done before" in capfd.readouterr().out
 
 
 @pytest.mark.parametrize(
-    ("words", "params", "own", "label"),
+    ("words", "params", "overrides", "label"),
     [
         ("cams=[a],[b] seed=0,1 study=x,y", {}, "cams=[a] seed=0 study=x", None),
         ("obs=images,signals", {}, "obs=signals", None),
@@ -155,10 +155,10 @@ def test_runs_of_a_sweep_that_differ_have_folders_of_their_own(tmp_path, monkeyp
         ("views.a.target=[0,0],[0,1]", {}, "views.a.target=[0,1]", "views.a.target-_0_1"),
     ],
 )
-def test_a_label_says_what_the_path_does_not(words, params, own, label):
+def test_a_label_says_what_the_path_does_not(words, params, overrides, label):
     values = {"label": "mine" if "label=mine" in words else None}
     values |= {"algo": {}, "reward": {"kind": "sparse"}}
-    assert sweep.label_of(values, words.split(), params, own.split()) == label
+    assert sweep.label_of(values, words.split(), params, overrides.split()) == label
 
 
 def test_a_job_says_which_run_it_is_as_the_study_reads_it():
@@ -229,9 +229,9 @@ RAY += ("+hydra.launcher.ray.remote.num_cpus=1", "+hydra.launcher.ray.init.inclu
 @pytest.mark.full
 def test_a_launcher_runs_a_sweep(tmp_path, launcher):
     process = started_as(["-m", "seed=0,1", *TINY, "engine.threads=0", *launcher], tmp_path)
-    said, _ = process.communicate(timeout=280)
+    output, _ = process.communicate(timeout=280)
     assert process.returncode == 0
-    assert "2 runs, 0 failed" in said
+    assert "2 runs, 0 failed" in output
     for seed in (0, 1):
         folder = tmp_path / f"results/main/signals/sparse/seed{seed}"
         assert json.loads((folder / "manifest.json").read_text())["finished"]
@@ -242,8 +242,8 @@ def test_a_launcher_runs_a_sweep(tmp_path, launcher):
 def test_two_sweeps_at_once_make_each_run_once(tmp_path):
     words = ["-m", *SMALL, "results=results", "seed=0,1,2", "steps=48"]
     both = [started_as(words, tmp_path) for _ in range(2)]
-    said = [process.communicate(timeout=300)[0] for process in both]
-    assert all("3 runs, 0 failed" in one for one in said), said
+    outputs = [process.communicate(timeout=300)[0] for process in both]
+    assert all("3 runs, 0 failed" in output for output in outputs), outputs
     for seed in range(3):
         rows = outcome(tmp_path / "results" / PLACE.replace("seed0", f"seed{seed}"))["metrics"]
         assert [row["update"] for row in rows] == [str(n) for n in range(1, 7)]
@@ -257,18 +257,18 @@ def test_a_search_finds_the_trial_with_the_highest_objective(tmp_path):
     words += ["hydra.sweeper.sampler.seed=0", "algo.learning_rate=interval(1e-4,1e-3)"]
     words += ["objective=return_human", "study=trial${hydra:job.num}"]
     process = started_as([*TINY, *words], tmp_path)
-    said, _ = process.communicate(timeout=280)
+    output, _ = process.communicate(timeout=280)
     assert process.returncode == 0
-    (found,) = (tmp_path / "results").glob(".sweeps/*/optimization_results.yaml")
+    (file,) = (tmp_path / "results").glob(".sweeps/*/optimization_results.yaml")
     trials = {}
     for folder in (tmp_path / "results").glob("trial*/signals/*/seed0"):
         rate = yaml.safe_load((folder / "config.yaml").read_text())["algo"]["learning_rate"]
         trials[rate] = json.loads((folder / "evaluation.json").read_text())["return_human"]
     assert len(trials) == 2
-    best = yaml.safe_load(found.read_text())
+    best = yaml.safe_load(file.read_text())
     assert best["best_value"] == max(trials.values())
     assert trials[best["best_params"]["algo.learning_rate"]] == best["best_value"]
-    assert "best_params" in said
+    assert "best_params" in output
 
 
 def test_an_objective_is_a_number_of_evaluations():

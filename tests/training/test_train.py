@@ -58,9 +58,9 @@ def test_a_sweep_pauses_all_its_runs_and_each_goes_on_to_the_same_end(
     monkeypatch.chdir(tmp_path)
     words = ["-m", "seed=0,1", *SIGNALS, "checkpoint_every=5"]
     run_train(*words, "until=9")
-    said = capsys.readouterr().out
-    assert "2 runs, 0 failed, 2 paused" in said
-    assert "paused; go on with: python train.py resume=results/main/signals/sparse/seed1" in said
+    output = capsys.readouterr().out
+    assert "2 runs, 0 failed, 2 paused" in output
+    assert "paused; go on with: python train.py resume=results/main/signals/sparse/seed1" in output
     folders = [Path(f"results/main/signals/sparse/seed{seed}") for seed in (0, 1)]
     for folder in folders:
         manifest = json.loads((folder / "manifest.json").read_text())
@@ -150,7 +150,7 @@ def test_two_runs_are_never_mixed(finished, monkeypatch, capsys):
     before = {path.name: path.read_bytes() for path in finished.iterdir()}
     monkeypatch.chdir(finished.parents[3])
     words = ["cams=dep_front,seg_side", *TINY, "results=."]
-    for wrong, said in (
+    for wrong, message in (
         (words, "resume="),
         ([f"resume={finished}"], "finished"),
         ([f"resume={finished}", "steps=384"], "begin a run with its agent: init="),
@@ -158,24 +158,24 @@ def test_two_runs_are_never_mixed(finished, monkeypatch, capsys):
     ):
         with pytest.raises(SystemExit) as caught:
             run_train(*wrong)
-        assert said in str(caught.value.code)
+        assert message in str(caught.value.code)
     assert {path.name: path.read_bytes() for path in finished.iterdir()} == before
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "parts"),
     [
         ([], ["cams", "at least one camera", "segdep"]),
         (["cams=dep_front,rgb_top"], ["cams/rgb_top", "dep_default dep_ecm_left"]),
         (["cams=rgb_front", "image_size=22"], ["image_size", "22", "strided_s4d"]),
     ],
 )
-def test_a_mistake_stops_before_anything_is_made(tmp_path, monkeypatch, words, said):
+def test_a_mistake_stops_before_anything_is_made(tmp_path, monkeypatch, words, parts):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as caught:
         run_train(*words)
     message = str(caught.value.code)
-    assert [part for part in said if part not in message] == []
+    assert [part for part in parts if part not in message] == []
     assert "\n" not in message
     assert list(tmp_path.iterdir()) == []
 
@@ -190,13 +190,13 @@ def test_evaluate_scores_by_another_reward_and_keeps_the_runs_own_word(finished,
     words = ["episodes=3", "--json"]
     kept = (finished / "evaluation.json").read_text()
     assert cli.main(["evaluate", str(finished), *words]) == 0
-    own = json.loads(capsys.readouterr().out)
-    assert own == json.loads(kept)
+    evaluation = json.loads(capsys.readouterr().out)
+    assert evaluation == json.loads(kept)
     assert cli.main(["evaluate", str(finished), *words, "reward=sparse"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["return"] == found["success"]
-    assert found["return_human"] == pytest.approx(own["return_human"])
-    assert own["return_human"] == pytest.approx(own["return"])
+    rescored = json.loads(capsys.readouterr().out)
+    assert rescored["return"] == rescored["success"]
+    assert rescored["return_human"] == pytest.approx(evaluation["return_human"])
+    assert evaluation["return_human"] == pytest.approx(evaluation["return"])
     assert (finished / "evaluation.json").read_text() == kept
 
 
@@ -273,12 +273,12 @@ def test_a_run_begins_with_another_runs_agent(imitated, tmp_path, monkeypatch):
     """Warming up, the value head moves and nothing else; then the policy does."""
     words = ["cams=[seg_side]", *TINY, f"init={imitated}", "algo.warmup=2", "algo.finetune=0.1"]
     monkeypatch.chdir(tmp_path)
-    theirs = torch.load(imitated / "checkpoint.pt")["learner"]["dagger"]["agent"]
+    before = torch.load(imitated / "checkpoint.pt")["learner"]["dagger"]["agent"]
     run = Path("main/seg_side/human/seed0")
 
     def changed() -> set[str]:
-        ours = weights(run)
-        return {name for name in ours if not torch.equal(ours[name], theirs[name])}
+        now = weights(run)
+        return {name for name in now if not torch.equal(now[name], before[name])}
 
     run_train(*words, "results=.", "until=128")
     assert {name.partition(".")[0] for name in changed()} == {"value"}

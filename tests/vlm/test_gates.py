@@ -63,26 +63,26 @@ def test_a_sound_program_passes(judge, seen, quick, gates):
     assert bool(seen.last["expert"].threaded.all())
     assert bool(seen.last["cheat"].touched.all())
     assert not bool(seen.last["cheat"].threaded.any())
-    found = judge(SOUND)
-    assert found.passed
-    assert found.reasons == found.flags == ()
-    assert found.terms == ("reach", "held", "near", "through")
-    assert found.paid > 0.5
-    assert found.not_finite_random == found.not_finite_recorded == 0
-    assert 0 <= found.lowest < found.random < found.cheat < found.expert <= found.highest <= 8
+    report = judge(SOUND)
+    assert report.passed
+    assert report.reasons == report.flags == ()
+    assert report.terms == ("reach", "held", "near", "through")
+    assert report.paid > 0.5
+    assert report.not_finite_random == report.not_finite_recorded == 0
+    assert 0 <= report.lowest < report.random < report.cheat < report.expert <= report.highest <= 8
 
 
 def test_what_is_not_finite_is_refused(judge):
-    found = judge("reward = 1 / (elapsed - elapsed)")
-    for what in ("2000 of 2000 random signals", f"of {found.recorded_moments} recorded moments"):
-        assert any("not finite" in reason and what in reason for reason in found.reasons)
-    json.dumps(found.as_dict(), allow_nan=False)
+    report = judge("reward = 1 / (elapsed - elapsed)")
+    for what in ("2000 of 2000 random signals", f"of {report.recorded_moments} recorded moments"):
+        assert any("not finite" in reason and what in reason for reason in report.reasons)
+    json.dumps(report.as_dict(), allow_nan=False)
     # Points coincide in every eighth moment.
-    found = judge(f"far = 1 / distance(tool_midpoint, goal)\n{SOUND.strip()} + 0 * far")
-    assert (found.not_finite_random, found.not_finite_recorded) == (250, 0)
+    report = judge(f"far = 1 / distance(tool_midpoint, goal)\n{SOUND.strip()} + 0 * far")
+    assert (report.not_finite_random, report.not_finite_recorded) == (250, 0)
     # Two infinities that cancel do not hide in a sum.
-    found = judge("a = 1 / (0 * jaw)\nb = 5\nreward = a + b")
-    assert found.not_finite_random == found.random_signals
+    report = judge("a = 1 / (0 * jaw)\nb = 5\nreward = a + b")
+    assert report.not_finite_random == report.random_signals
 
 
 def test_a_range_that_is_too_wide_is_refused_or_clipped(judge):
@@ -95,13 +95,13 @@ def test_a_range_that_is_too_wide_is_refused_or_clipped(judge):
 
 
 def test_a_program_that_the_cheat_fools_is_flagged(judge):
-    found = judge(FOOLED)
-    assert found.passed
-    assert "without threading" in found.flags[0]
+    report = judge(FOOLED)
+    assert report.passed
+    assert "without threading" in report.flags[0]
     refused = judge(FOOLED, audit="refuse")
-    assert refused.reasons == found.flags[:1]
-    assert refused.flags == found.flags[1:]
-    gap = found.expert - found.cheat
+    assert refused.reasons == report.flags[:1]
+    assert refused.flags == report.flags[1:]
+    gap = report.expert - report.cheat
     assert not any("without threading" in flag for flag in judge(FOOLED, audit_margin=gap).flags)
     # The cheat's episodes last to the limit; a cost of time alone must not save a program.
     assert judge(f"{FOOLED} + 2 * (1 - elapsed) - 2", range="clip").flags
@@ -116,27 +116,27 @@ def test_a_program_that_the_cheat_fools_is_flagged(judge):
     ],
 )
 def test_how_often_random_actions_are_paid(judge, source, share):
-    found = judge(source)
-    assert found.paid == pytest.approx(share, abs=0.08)
-    assert any("of random steps are paid" in flag for flag in found.flags) == (share == 0)
+    report = judge(source)
+    assert report.paid == pytest.approx(share, abs=0.08)
+    assert any("of random steps are paid" in flag for flag in report.flags) == (share == 0)
     # It is never a reason to refuse.
-    assert not any("random steps" in reason for reason in found.reasons)
+    assert not any("random steps" in reason for reason in report.reasons)
 
 
 def test_the_papers_own_rewards_are_seen_through(judge):
     """Its text reward was gamed in training: the hoop's centre pays more than going through."""
     files = (RECORDINGS / "paper/rewards").glob("*/*.txt")
-    found = {f"{path.parent.name}/{path.stem}": judge(path.read_text()) for path in files}
-    assert len(found) == 4
-    text = found.pop("any/text")
+    reports = {f"{path.parent.name}/{path.stem}": judge(path.read_text()) for path in files}
+    assert len(reports) == 4
+    text = reports.pop("any/text")
     assert text.passed
     assert "touching the goal without threading" in text.flags[0]
     assert text.flags[1].startswith("the teacher holding still at touched ends 0.")
     assert text.flags[1].endswith(" above finishing the task")
     assert text.paid > 0.5
     # Random actions hardly ever change the others.
-    assert all(one.paid < 0.1 and "random steps" in one.flags[-1] for one in found.values())
-    (refused,) = (one for one in found.values() if not one.passed)
+    assert all(one.paid < 0.1 and "random steps" in one.flags[-1] for one in reports.values())
+    (refused,) = (one for one in reports.values() if not one.passed)
     assert ["rises to" in reason for reason in refused.reasons] == [True]
 
 
@@ -144,8 +144,8 @@ def test_the_recorded_models_rewards_pass(judge):
     files = [*RECORDINGS.glob("claude_8210a79/rewards/*/*.txt")]
     files += RECORDINGS.glob("claude/rewards/*/*.txt")
     assert len(files) == 14
-    found = [judge(path.read_text()) for path in files]
-    assert all(one.passed and one.paid > 0.4 for one in found)
+    reports = [judge(path.read_text()) for path in files]
+    assert all(report.passed and report.paid > 0.4 for report in reports)
 
 
 def test_a_program_that_pays_more_for_stopping_is_flagged_or_refused(judge):
@@ -175,8 +175,8 @@ def test_the_teacher_stops_where_facts_and_phases_say(seen):
 
 def rules_of(task: str, gates: Gates) -> tuple[Task, writing.ProgramRules]:
     few = replace(gates, random_signals=160, random_episodes=2, stop_episodes=1, audit="refuse")
-    own = settings_from(composing.compose([f"task={task}", "engine.threads=1"], "check"))
-    return own.definition, writing.program_rules(own, few)
+    settings = settings_from(composing.compose([f"task={task}", "engine.threads=1"], "check"))
+    return settings.definition, writing.program_rules(settings, few)
 
 
 def test_another_tasks_cheat_is_seen_through_and_not_named(gates):
@@ -191,8 +191,8 @@ def test_another_tasks_cheat_is_seen_through_and_not_named(gates):
 
 def test_a_task_without_a_cheat_has_no_audit(gates):
     _, rules = rules_of("reach", gates)
-    found = rules.judge("reward = 9 * exp(-40 * distance(tool_midpoint, target))")
-    assert (found.reason, found.report["cheat"]) == (None, None)
+    verdict = rules.judge("reward = 9 * exp(-40 * distance(tool_midpoint, target))")
+    assert (verdict.reason, verdict.report["cheat"]) == (None, None)
 
 
 def test_random_signals_are_wild_but_possible():
@@ -227,10 +227,10 @@ def test_check_prints_the_report(check, capsys):
     assert "% of random steps change it by 0.001 or more; at least 10 % is asked (flag)" in out
     assert out.endswith("verdict      passed\n")
     assert check("reward = 40", "--json") == 1
-    found = json.loads(capsys.readouterr().out)
-    assert (found["passed"], found["highest"]) == (False, 40)
-    assert any("rises to 40" in reason for reason in found["reasons"])
-    assert any("above a random policy" in reason for reason in found["reasons"])
+    report = json.loads(capsys.readouterr().out)
+    assert (report["passed"], report["highest"]) == (False, 40)
+    assert any("rises to 40" in reason for reason in report["reasons"])
+    assert any("above a random policy" in reason for reason in report["reasons"])
     assert check("reward = 1\nimport os") == 1
     assert "mine.txt: line 2, column 1: Import is not in" in capsys.readouterr().out
     assert main(["vlm", "check"]) == 2

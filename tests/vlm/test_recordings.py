@@ -51,20 +51,20 @@ def is_of_the_former_grasp(exchange: Exchange) -> bool:
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(one, marks=[pytest.mark.full] if one in PROGRAMS else []) for one in TASKS],
+    [pytest.param(name, marks=[pytest.mark.full] if name in PROGRAMS else []) for name in TASKS],
 )
 def test_every_conversation_is_replayed_with_the_prompts_of_today(name, tmp_path, monkeypatch):
     """A changed prompt, picture or judge of programs fails here until it is asked anew."""
     monkeypatch.chdir(tmp_path)
     recorded = Record(RECORDINGS / name)
-    asked: list[str] = []
+    hashes: list[str] = []
     answer = Record.ask
 
     def ask(self: Record, request: Request, conversation: str) -> Exchange:
-        found = answer(self, request, conversation)
-        assert found.conversation == conversation
-        asked.append(found.sha256)
-        return found
+        exchange = answer(self, request, conversation)
+        assert exchange.conversation == conversation
+        hashes.append(exchange.sha256)
+        return exchange
 
     monkeypatch.setattr(Record, "ask", ask)
     # Both flavours are judged by the same trajectories.
@@ -84,20 +84,20 @@ def test_every_conversation_is_replayed_with_the_prompts_of_today(name, tmp_path
         [f"{r}_{view.format(r=r)}" for view in (*VIEWS, "front+{r}_side")]
         for r in ("rgb", "seg", "dep")
     ]
-    lists = ",".join(f"[{','.join(own)}]" for own in sets)
+    lists = ",".join(f"[{','.join(cameras)}]" for cameras in sets)
     commands = {
         "claude": needle,
         PLACEMENTS: (["+experiment=placements", "study=main"],),
         ROOM: ([f"sets=[{lists}]", "task=wide", "group=6"],),
     }
-    for own in commands.get(name, ([],)):
-        assert main(["vlm", "rank", *own, *words]) == 0
+    for arguments in commands.get(name, ([],)):
+        assert main(["vlm", "rank", *arguments, *words]) == 0
     if name == "claude":
         for told, flavour in (("names", "text"), ("nothing", "image")):
-            own = [f"vlm.told={told}", f"flavour={flavour}", "cams=[dep_front,seg_side]"]
-            assert main(["vlm", "reward", *own, f"study={told}"]) == 0
+            arguments = [f"vlm.told={told}", f"flavour={flavour}", "cams=[dep_front,seg_side]"]
+            assert main(["vlm", "reward", *arguments, f"study={told}"]) == 0
     today = [one.sha256 for one in recorded.exchanges if not is_of_the_former_grasp(one)]
-    assert sorted(asked) == sorted(today)
+    assert sorted(hashes) == sorted(today)
     for file in RECORDINGS.glob(f"{name}/[qra]*.*"):
         made = tmp_path / "results/main/vlm" / file.name
         assert made.name == "README.md" or made.read_text() == file.read_text()
@@ -150,8 +150,8 @@ def test_programs_are_those_that_were_answered(name):
 def test_totals_are_of_the_transcript(transcript):
     with (CLAUDE / "totals.csv").open(newline="") as file:
         rows = {row.pop("conversation"): row for row in csv.DictReader(file)}
-    found = totals_of(transcript.exchanges)
-    assert rows == {name: {k: str(v) for k, v in row.items()} for name, row in found.items()}
+    totals = totals_of(transcript.exchanges)
+    assert rows == {name: {k: str(v) for k, v in row.items()} for name, row in totals.items()}
 
 
 def test_what_was_trained_on_stays_what_it_was():

@@ -36,16 +36,16 @@ def made(task: str, variant: str = "standard", *words: str) -> Settings:
 @pytest.mark.full
 def test_other_tasks_are_told_in_their_own_words(task, tmp_path):
     s = made(task)
-    said = text_of(everything_said(s, tmp_path)).lower()
-    assert not re.search(r"needle|hoop|thread", said)
-    assert not re.search(r"\b(success|verdict|cheat|touched)\b", said)
-    assert s.definition.cheating not in said
-    own = [name for name, row in s.definition.signals.items() if row.source == "verdict"]
-    assert not [name for name in own if f"- {name}" in said]
+    prompts = text_of(everything_said(s, tmp_path)).lower()
+    assert not re.search(r"needle|hoop|thread", prompts)
+    assert not re.search(r"\b(success|verdict|cheat|touched)\b", prompts)
+    assert s.definition.cheating not in prompts
+    verdicts = [name for name, row in s.definition.signals.items() if row.source == "verdict"]
+    assert not [name for name in verdicts if f"- {name}" in prompts]
     # Nothing that success depends on is told.
     odd = {name: 1.0703 * getattr(s.episode, name) for name in LIMITS[task] if "steps" not in name}
     other = everything_said(replace(s, episode=replace(s.episode, **odd)), tmp_path / "odd")
-    assert text_of(other).lower() == said
+    assert text_of(other).lower() == prompts
 
 
 def test_a_text_too_many_or_too_few_is_named(tmp_path):
@@ -74,15 +74,15 @@ def test_questions_on_moments_are_those_of_the_task(task, tmp_path, monkeypatch)
     monkeypatch.setattr(inquiry, "open_album", lambda *_: album(s))
     config = InquiryConfig(str(tmp_path), "main", 64, 1, False)
     with Inquiry(s, config, CONFIG) as opened:
-        found = opened.question(QUESTIONS)
+        result = opened.question(QUESTIONS)
     pegs = task == "peg_transfer"
-    assert list(found["answers"])[3:-3] == (["lifted"] if pegs else [])
-    assert len(provider.asked) == 6 + pegs
+    assert list(result["answers"])[3:-3] == (["lifted"] if pegs else [])
+    assert len(provider.requests) == 6 + pegs
     # Two subtasks, their cameras, what shows the goal (and the moment), the layouts.
     rows = list(csv.DictReader((opened.folder / "questions.csv").read_text().splitlines()))
-    asked = [row["question"] for row in rows if " to see that " in row["question"]]
-    wanted = ["the goal is reached", *(["the block is lifted"] if pegs else [])]
-    assert asked == [f"Best {w} to see that {so}" for so in wanted for w in ("view", "rendering")]
+    texts = [row["question"] for row in rows if " to see that " in row["question"]]
+    moments = ["the goal is reached", *(["the block is lifted"] if pegs else [])]
+    assert texts == [f"Best {w} to see that {so}" for so in moments for w in ("view", "rendering")]
     answers = read_answers(opened.folder)
     assert answers is not None
     assert [one.question for one in answers.questions] == [row["question"] for row in rows]

@@ -79,7 +79,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 def programs(*worths: int | str) -> list[str]:
     """Answers with such programs; a text is one as it is."""
-    sources = [one if isinstance(one, str) else f"reward = {one}" for one in worths]
+    sources = [worth if isinstance(worth, str) else f"reward = {worth}" for worth in worths]
     return [json.dumps({"explanation": "e", "program": source}) for source in sources]
 
 
@@ -89,16 +89,16 @@ def shown(server: Server) -> list[int]:
 
 
 def test_question_leaves_answers_a_transcript_and_pictures(study):
-    found = json.loads((study / "questions.json").read_text())
-    assert list(found["answers"]) == [
+    result = json.loads((study / "questions.json").read_text())
+    assert list(result["answers"]) == [
         *("subtasks", "suits", "goal", "lifted", "layouts", "layouts_sure", "placements")
     ]
-    asked = {row["question"]: row for row in rows_of(study / "questions.csv")}
-    assert {row["question"] for row in rows_of(RECORDINGS / "paper/table_1.csv")} <= set(asked)
-    best, meant = asked["Best view for subtask 2"], found["answers"]["suits"]["second"]
+    questions = {row["question"]: row for row in rows_of(study / "questions.csv")}
+    assert {row["question"] for row in rows_of(RECORDINGS / "paper/table_1.csv")} <= set(questions)
+    best, meant = questions["Best view for subtask 2"], result["answers"]["suits"]["second"]
     assert (best["answer"], best["reason"]) == (meant["view"], meant["view_reason"])
-    assert found["models"] == ["gemini gemini-test-001"]
-    assert (found["totals"]["prompts"], found["totals"]["invalid_answers"]) == (8, 1)
+    assert result["models"] == ["gemini gemini-test-001"]
+    assert (result["totals"]["prompts"], result["totals"]["invalid_answers"]) == (8, 1)
     pictures = json.loads((study / "pictures.json").read_text())["pictures"]
     assert list(pictures) == ["start", "grasped", "lifted", "goal", "seen"]
     assert {len(shown) for shown in pictures.values()} == {12}
@@ -120,18 +120,18 @@ def test_question_leaves_answers_a_transcript_and_pictures(study):
 def test_everything_asked_again_offline_gives_the_same_files(study, words, server, capsys):
     commands = [["question"], ["rank", "samples=2"]]
     commands += [["reward", CAMS, f"flavour={flavour}"] for flavour in ("text", "image")]
-    for own in commands[1:]:
-        if own[0] == "reward":
-            server.script = programs("import os") if own[-1] == "flavour=text" else []
-        assert main(["vlm", *own, *words]) == 0
-    said, asked = capsys.readouterr().out, len(server.requests)
-    for own in commands:
-        assert main(["vlm", *own, "size=16", "study=again", f"vlm.recording={study}"]) == 0
-    assert len(server.requests) == asked
+    for command in commands[1:]:
+        if command[0] == "reward":
+            server.script = programs("import os") if command[-1] == "flavour=text" else []
+        assert main(["vlm", *command, *words]) == 0
+    output, count = capsys.readouterr().out, len(server.requests)
+    for command in commands:
+        assert main(["vlm", *command, "size=16", "study=again", f"vlm.recording={study}"]) == 0
+    assert len(server.requests) == count
     # Of the last command, in which nothing was refused, and of all that was asked.
-    assert "this:       1 prompts, 115 tokens (100 in, 15 out), 0 invalid answers" in said
-    assert f"transcript: {8 + 3 + 7 + 3 + 3} prompts" in said
-    assert "2 invalid answers\nthe paper:  25 prompts, 14137 tokens" in said
+    assert "this:       1 prompts, 115 tokens (100 in, 15 out), 0 invalid answers" in output
+    assert f"transcript: {8 + 3 + 7 + 3 + 3} prompts" in output
+    assert "2 invalid answers\nthe paper:  25 prompts, 14137 tokens" in output
     before, after = contents(study), contents(Path("results/again/vlm"))
     assert len(after) == 6 + 4
     assert {name: before[name] for name in after} == after
@@ -147,8 +147,8 @@ def test_samples_are_fresh_conversations_whose_agreement_is_in_tables(study, wor
     # One that is no permutation goes back.
     server.script = ['{"places": [{"name": "rgb_default", "reason": "r"}]}']
     server.otherwise = reversed_from_the_second
-    own = "lists=[[rgb_default,dep_front+seg_side,seg_side],[rgb_front,rgb_side]]"
-    assert main(["vlm", "rank", *words, own, "samples=2"]) == 0
+    lists = "lists=[[rgb_default,dep_front+seg_side,seg_side],[rgb_front,rgb_side]]"
+    assert main(["vlm", "rank", *words, lists, "samples=2"]) == 0
     correction = server.requests[1]["contents"][-1]["parts"][0]["text"]
     assert "missing: dep_front+seg_side" in correction
     # Two lists, then seven questions (none goes wrong this time) and two lists.
@@ -173,8 +173,8 @@ def test_lists_are_ranked_afresh_each_in_a_conversation_of_its_own(study, words,
     # The cameras of a list, at four stages and as the agent sees them.
     assert shown(server) == [3 * 5, 2 * 5] * 2
     assert conversations(study) == [f"rank_afresh/{name}" for name in ("1", "2", "1/2", "2/2")]
-    found = json.loads((study / "rankings_afresh.json").read_text())
-    assert [entry["sure"] for entry in found["lists"]] == [[[0.75]] * 2] * 2
+    rankings = json.loads((study / "rankings_afresh.json").read_text())
+    assert [entry["sure"] for entry in rankings["lists"]] == [[[0.75]] * 2] * 2
     assert not (study / "rankings.json").exists()
 
 
@@ -214,17 +214,17 @@ def test_several_samples_are_conversations_and_files_of_their_own(study, words, 
     samples = ["vlm", "reward", *words, CAMS, "samples=3"]
     # One that fails does not take the others with it.
     assert main([*samples, "attempts=1"]) == 2
-    said = capsys.readouterr().err
-    assert "image/2: no usable answer in 1 attempts; the last: the program was refused" in said
+    error = capsys.readouterr().err
+    assert "image/2: no usable answer in 1 attempts; the last: the program was refused" in error
     folder = study / "rewards/dep_front+seg_side"
     (row,) = lines_of(folder / "image_2.attempts.jsonl")
     assert (row["accepted"], row["program"]) == (False, "import os\n")
     # More attempts go on from there; the others are in the record.
     assert main([*samples, "attempts=2"]) == 0
-    for name, own in (("image.txt", 3), ("image_2.txt", 4), ("image_3.txt", 5)):
-        assert (folder / name).read_text() == f"reward = {own}\n"
-    own = "reward/dep_front+seg_side/image"
-    assert conversations(study) == [own, f"{own}/2", f"{own}/3", f"{own}/2"]
+    for name, worth in (("image.txt", 3), ("image_2.txt", 4), ("image_3.txt", 5)):
+        assert (folder / name).read_text() == f"reward = {worth}\n"
+    prefix = "reward/dep_front+seg_side/image"
+    assert conversations(study) == [prefix, f"{prefix}/2", f"{prefix}/3", f"{prefix}/2"]
     assert len(server.requests) == 4
 
 
@@ -268,12 +268,12 @@ def test_a_program_is_revised_after_a_training(study, words, server, tmp_path, c
     server.script = programs(GOOD, "reward = 9 if lifted else 0", 3)
     assert main(text) == 0
     assert main([*text, f"revise={run}"]) == 0
-    asked = json.dumps(server.requests[-1])
-    assert "reward = 9 if grasped else 0" in asked
-    assert "step, return, near, done\\n1000, -, -, -\\n4000, 0.571, 0.8, 0.25" in asked
-    assert "30000, 4.29, 6, 0.25" in asked
-    assert "threaded" not in asked
-    assert asked.count("image/png") == 6
+    request = json.dumps(server.requests[-1])
+    assert "reward = 9 if grasped else 0" in request
+    assert "step, return, near, done\\n1000, -, -, -\\n4000, 0.571, 0.8, 0.25" in request
+    assert "30000, 4.29, 6, 0.25" in request
+    assert "threaded" not in request
+    assert request.count("image/png") == 6
     assert "lifted" in (place / "text_2.txt").read_text()
     assert (place / "text.txt").read_text() == GOOD
     (run / "video.mp4").unlink()
@@ -294,11 +294,11 @@ MISTAKES = [
 
 
 def test_a_mistake_is_one_message_that_names_the_key(study, capsys, server):
-    for arguments, said in MISTAKES:
+    for arguments, message in MISTAKES:
         assert main(["vlm", *arguments]) == 2, arguments
         error = capsys.readouterr().err
         assert error.startswith(f"needlehoop vlm {arguments[0]}: ")
-        assert said in error
+        assert message in error
     assert server.requests == []
 
 

@@ -28,8 +28,8 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def question() -> Path:
     """The folder of the one question that waits."""
-    (found,) = (VLM / "asked").iterdir()
-    return found
+    (folder,) = (VLM / "asked").iterdir()
+    return folder
 
 
 def lines() -> list[dict]:
@@ -42,9 +42,9 @@ def test_the_same_command_goes_on_until_all_is_answered(capsys):
     folders = []
     while main([*rank, *AT_ONCE]) != 0:
         folder = question()
-        said = by_schema(json.loads((folder / "schema.json").read_text()))
-        name, said = ("answer.md", f"```\n{said}\n```\n") if folders else ("answer.json", said)
-        (folder / name).write_text(said)
+        text = by_schema(json.loads((folder / "schema.json").read_text()))
+        name, text = ("answer.md", f"```\n{text}\n```\n") if folders else ("answer.json", text)
+        (folder / name).write_text(text)
         folders.append(folder.name)
     exchanges = lines()
     assert [e["sha256"][:16] for e in exchanges] == folders
@@ -55,9 +55,9 @@ def test_the_same_command_goes_on_until_all_is_answered(capsys):
     done = sorted(path.name for path in (VLM / "answered").iterdir())
     assert done == [f"{i:03d}_{name}" for i, name in enumerate(folders, 1)]
     assert list((VLM / "asked").iterdir()) == []
-    said = capsys.readouterr().err
-    assert "request.md and its pictures to somebody" in said
-    assert "no answer yet; put it there, and the same command goes on" in said
+    error = capsys.readouterr().err
+    assert "request.md and its pictures to somebody" in error
+    assert "no answer yet; put it there, and the same command goes on" in error
     # And without anybody, from the record.
     assert main([*rank, "size=16"]) == 0
 
@@ -99,10 +99,10 @@ def test_an_answer_in_the_wrong_form_goes_back_like_any_other(monkeypatch):
 
 
 def test_json_is_found_in_what_was_pasted():
-    for said in (
+    for answer in (
         'Sure!\n```json\n{"a": 1}\n```\nThat is it.',
         'First I thought of\n```json\n{"b": 2}\n```\nbut\n```json\n{"a": 1}\n```',
         'It is {"a": 1}, I think.',
     ):
-        assert json.loads(find_json(said)) == {"a": 1}
+        assert json.loads(find_json(answer)) == {"a": 1}
     assert find_json("[1, 2]") == "[1, 2]"

@@ -34,7 +34,7 @@ from needlehoop.vlm.writing import program_rules, reward_prompt, write_program
 
 
 @pytest.fixture(scope="module")
-def asked(settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> list[Request]:
+def requests(settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> list[Request]:
     return everything_said(settings, tmp_path_factory.mktemp("record"))
 
 
@@ -62,26 +62,26 @@ def corrected(settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> l
     conversation = Conversation(record, "reward", len(BAD))
     with pytest.raises(NoAnswerError):
         write_program(conversation, rules, reward_prompt(settings, rules))
-    return provider.asked
+    return provider.requests
 
 
-def test_with_less_told_no_word_of_the_task_is_said(asked):
+def test_with_less_told_no_word_of_the_task_is_said(requests):
     """Names of signals and of colours are told with ``names``, and with ``nothing`` no camera's."""
-    full, names, nothing = (text_of([request]).lower() for request in asked[10:13])
+    full, names, nothing = (text_of([request]).lower() for request in requests[10:13])
     assert "through a hoop" in full
-    for said in (names, nothing):
-        assert "through a hoop" not in said
-        assert not re.search(r"\b(surgery|table|sharp|curved)\b", said)
-        assert "rgb_default, stage 1:" in said
-        assert "stage 4: the task is done" in said
+    for text in (names, nothing):
+        assert "through a hoop" not in text
+        assert not re.search(r"\b(surgery|table|sharp|curved)\b", text)
+        assert "rgb_default, stage 1:" in text
+        assert "stage 4: the task is done" in text
     assert "pickup_point   3       m       world" in names
     assert not re.search(r"needle|hoop|grasp|lift|signal|depth|grey", nothing)
-    rewards = [text_of([request]).lower() for request in (*asked[13:15], asked[16])]
-    for said in rewards:
-        assert "when the task is done" in said
-        assert "pickup_point   3       m       world" in said
-        assert not re.search(r"through a hoop|surgery|\btable\b|should be grasped|is held", said)
-    assert "What do you take the task to be?" in text_of(asked[15:16])
+    rewards = [text_of([request]).lower() for request in (*requests[13:15], requests[16])]
+    for text in rewards:
+        assert "when the task is done" in text
+        assert "pickup_point   3       m       world" in text
+        assert not re.search(r"through a hoop|surgery|\btable\b|should be grasped|is held", text)
+    assert "What do you take the task to be?" in text_of(requests[15:16])
 
 
 def test_a_picture_has_all_that_the_agent_is_given(settings):
@@ -96,8 +96,8 @@ def test_a_picture_has_all_that_the_agent_is_given(settings):
     assert all_channels(depth, replace(kinds["dep"], colour="none")).shape == (96, 96, 3)
 
 
-def test_a_reward_prompt_says_what_signals_and_functions_are(asked):
-    reward = text_of(asked[8:9])
+def test_a_reward_prompt_says_what_signals_and_functions_are(requests):
+    reward = text_of(requests[8:9])
     assert scene_signals.describe(scene_signals.vocabulary(TASK.signals)) in reward
     assert "distance(u, v): Euclidean distance" in reward
     for fact in ("60 % of its length", "between 0 and 9", "starts at 1.3 rad", "1/100"):
@@ -108,18 +108,18 @@ def test_a_reward_prompt_says_what_signals_and_functions_are(asked):
 def test_shades_are_told_with_their_distances_by_view(settings):
     kinds, views = settings.renderings, settings.views
 
-    def said(name: str, **own: View) -> str:
-        return description.rendering(kinds[name], TASK.telling, own or views)
+    def text(name: str, **cameras: View) -> str:
+        return description.rendering(kinds[name], TASK.telling, cameras or views)
 
-    assert "needle (255, 230, 0)" in said("seg")
-    assert "from full brightness at 320 mm to 15 % of it at 480 mm" in said("segdep")
+    assert "needle (255, 230, 0)" in text("seg")
+    assert "from full brightness at 320 mm to 15 % of it at 480 mm" in text("segdep")
     # Greys of views that differ in them are told by view.
-    greys = said("dep", front=views["front"], side=replace(views["side"], near=0.1))
+    greys = text("dep", front=views["front"], side=replace(views["side"], near=0.1))
     assert "255 (white) at 320 mm (front), 100 mm (side) or less to 0 (black) at 480 mm" in greys
 
 
 @pytest.mark.parametrize(
-    ("where", "change", "said"),
+    ("where", "change", "phrase"),
     [
         ("task", {"needle_radius": 0.021}, "21 mm"),
         ("task", {"needle_yaw": 0.733 + np.pi}, "the one that is farther from the hoop"),
@@ -127,14 +127,14 @@ def test_shades_are_told_with_their_distances_by_view(settings):
         ("episode", {"lift_radius": 0.0123}, "within 12.3 mm of lift_position"),
     ],
 )
-def test_numbers_come_from_the_settings(settings, where, change, said):
+def test_numbers_come_from_the_settings(settings, where, change, phrase):
     changed = replace(settings, **{where: replace(getattr(settings, where), **change)})
 
     def told(s: Settings) -> str:
         return description.scene(s) + description.signals(s)
 
-    assert said in told(changed)
-    assert said not in told(settings)
+    assert phrase in told(changed)
+    assert phrase not in told(settings)
 
 
 def test_what_the_text_says_of_frames_is_so_in_the_scene(settings):
@@ -153,8 +153,8 @@ def test_what_the_text_says_of_frames_is_so_in_the_scene(settings):
         now = moment.signals
         to_tip = geo.rotate(geo.conjugate(now.needle_quat), now.needle_tip - now.pickup_point)
         r = s.task.needle_radius
-        wanted = torch.tensor([r * (1 - np.cos(along)), r * np.sin(along), 0.0])
-        torch.testing.assert_close(to_tip, wanted.double().expand(32, 3), rtol=0, atol=1e-6)
+        expected = torch.tensor([r * (1 - np.cos(along)), r * np.sin(along), 0.0])
+        torch.testing.assert_close(to_tip, expected.double().expand(32, 3), rtol=0, atol=1e-6)
         to_tips = geo.rotate(geo.conjugate(now.tool_quat), now.tool_midpoint - now.wrist_pos)
         assert bool((to_tips[:, 2] > 0.9 * s.task.grip).all())
         moment = simulation.step(act(now))
@@ -162,16 +162,16 @@ def test_what_the_text_says_of_frames_is_so_in_the_scene(settings):
 
 def leaks(text: str, settings: Settings) -> list[str]:
     """What a text says of the human reward and of the success test."""
-    said = text.lower()
+    lowered = text.lower()
     words = {"touched", "touching", "threaded", "threading", "verdict", "cheat", "human"}
     words |= {"success", "succeeds", "beyond the", "radius of the goal", "goal's radius"}
     words |= {f.name for f in fields(Human)} | {f.name for f in fields(settings.episode)}
     # Plain words that the task can't be told without.
     words -= {"grasp", "lift", "hoop", "closed", "time", "rate", "reach", "unit", "jaw", "rotation"}
     words -= {"control", "translation"}
-    found = [name for name in sorted(words) if re.search(rf"\b{name}\b", said)]
+    hits = [name for name in sorted(words) if re.search(rf"\b{name}\b", lowered)]
     lines = [line.strip().lower() for line in inspect.getsource(Human.__call__).splitlines()[2:]]
-    found += [line for line in lines if len(line) >= 4 and line in said]
+    hits += [line for line in lines if len(line) >= 4 and line in lowered]
     episode, reward = settings.episode, settings.reward
     # When the needle is held and lifted is what signals mean; when the task is done is not told.
     near = [episode.goal_radius, episode.thread_depth]
@@ -180,13 +180,13 @@ def leaks(text: str, settings: Settings) -> list[str]:
     limits += [reward["tolerance"] * unit, reward["rate"] / unit, reward["closed_below"]]
     values = [f"{1000 * value:g} mm" for value in near] + [str(value) for value in limits]
     values += [str(float(reward[name])) for name in ("grasp", "lift", "hoop", "closed")]
-    return found + [v for v in values if re.search(rf"(?<![\d.]){re.escape(v)}(?!\d)", said)]
+    return hits + [v for v in values if re.search(rf"(?<![\d.]){re.escape(v)}(?!\d)", lowered)]
 
 
-def test_neither_the_human_reward_nor_the_success_test_is_told(asked, corrected, settings):
-    said = text_of([*asked, *corrected])
+def test_neither_the_human_reward_nor_the_success_test_is_told(requests, corrected, settings):
+    prompts = text_of([*requests, *corrected])
     # Measured numbers may be any.
-    told = re.sub(r"^name +shape +unit +frame +least(.|\n)*?\n\n", "", said, flags=re.MULTILINE)
+    told = re.sub(r"^name +shape +unit +frame +least(.|\n)*?\n\n", "", prompts, flags=re.MULTILINE)
     assert leaks(told, settings) == []
     # What leaked would be found.
     source = inspect.getsource(Human.__call__).splitlines()
@@ -198,23 +198,23 @@ def test_neither_the_human_reward_nor_the_success_test_is_told(asked, corrected,
 
 
 def test_refused_programs_go_back_with_every_kind_of_reason(corrected):
-    said = text_of(corrected[-1:])
+    prompts = text_of(corrected[-1:])
     for reason in (
         *("Import is not in the language", "above a random policy", "rises to 40.000"),
         *("not finite on", "an episode that fails at the task ends"),
     ):
-        assert reason in said
+        assert reason in prompts
 
 
-def test_all_prompts_are_among_those_searched(asked, corrected):
-    said = " ".join(text_of([*asked, *corrected]).split())
+def test_all_prompts_are_among_those_searched(requests, corrected):
+    prompts = " ".join(text_of([*requests, *corrected]).split())
     for name, text in description.texts(TASK).items():
         longest = max(re.split(r"\$[a-z_]+", text), key=len)
         assert len(longest) > 20
-        assert " ".join(longest.split()) in said, name
+        assert " ".join(longest.split()) in prompts, name
 
 
-def test_nothing_said_depends_on_rewards_or_on_what_success_is(asked, settings, tmp_path):
+def test_nothing_said_depends_on_rewards_or_on_what_success_is(requests, settings, tmp_path):
     odd = replace(
         settings,
         reward={**settings.reward, "grasp": 7.123, "tolerance": 0.0777, "closed_below": 0.0555},
@@ -223,4 +223,4 @@ def test_nothing_said_depends_on_rewards_or_on_what_success_is(asked, settings, 
         ),
     )
     other = everything_said(odd, tmp_path)
-    assert [request.sha256 for request in other] == [request.sha256 for request in asked]
+    assert [request.sha256 for request in other] == [request.sha256 for request in requests]

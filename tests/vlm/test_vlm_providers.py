@@ -78,14 +78,14 @@ def test_the_whole_conversation_is_sent_with_pictures_schema_and_sampling(kind, 
 def test_passing_errors_are_tried_again_and_other_errors_are_final(kind, server):
     server.script = [{"status": 429}, {"status": 500}, '{"a": "b"}']
     assert ask(kind, server).answer == '{"a": "b"}'
-    for status, asked in ((503, 3), (400, 1)):
+    for status, tries in ((503, 3), (400, 1)):
         server.requests, server.script = [], [{"status": status}] * 5
         with pytest.raises(
             ProviderError, match=rf"vlm={kind} \(test-model\): {status}: "
         ) as caught:
             ask(kind, server)
         assert caught.value.status == status
-        assert len(server.requests) == asked
+        assert len(server.requests) == tries
 
 
 def test_a_server_that_is_not_there_or_answers_otherwise_is_an_error_in_a_line(kind, server):
@@ -100,15 +100,15 @@ def test_a_server_that_is_not_there_or_answers_otherwise_is_an_error_in_a_line(k
 def test_what_is_no_whole_answer_is_an_outcome_of_its_own(kind, server):
     cut = {"gemini": "MAX_TOKENS", "openai": "length"}[kind]
     filtered = {"gemini": "SAFETY", "openai": "content_filter"}[kind]
-    for said, outcome, detail in (
+    for entry, outcome, detail in (
         ({"text": '{"a": "b', "finish": cut}, "truncated", cut),
         ({"refusal": "SAFETY", "text": ""}, "refused", "SAFETY"),
         ({"text": "half", "finish": filtered}, "refused", filtered),
         ({"text": " \n", "finish": cut}, "empty", cut),
     ):
-        server.script = [said]
+        server.script = [entry]
         reply = ask(kind, server)
-        assert (reply.outcome, reply.detail, reply.answer) == (outcome, detail, said["text"])
+        assert (reply.outcome, reply.detail, reply.answer) == (outcome, detail, entry["text"])
 
 
 def test_the_key_is_sent_and_goes_nowhere_else(kind, server, caplog):
@@ -118,9 +118,9 @@ def test_the_key_is_sent_and_goes_nowhere_else(kind, server, caplog):
     with pytest.raises(ProviderError) as caught:
         ask(kind, server)
     assert any(KEY in str(headers) for headers in server.headers)
-    said = "".join(traceback.format_exception(caught.value))
-    assert "bad key ***" in said
-    assert KEY not in said + caplog.text
+    trace = "".join(traceback.format_exception(caught.value))
+    assert "bad key ***" in trace
+    assert KEY not in trace + caplog.text
     server.headers.clear()
     assert ask(kind, server, key=None).outcome == "answered"
     assert KEY not in str(server.headers)

@@ -34,14 +34,14 @@ class Scripted:
     def __init__(self, *script: Reply | ProviderError, temperature: float = 2.0):
         self.script, sampling = list(script), {"temperature": temperature}
         self.who = {"provider": "gemini", "model": "asked-for", "sampling": sampling}
-        self.asked: list[Request] = []
+        self.requests: list[Request] = []
 
     def ask(self, request: Request) -> Reply:
-        self.asked.append(request)
-        given = self.script.pop(0)
-        if isinstance(given, ProviderError):
-            raise given
-        return given
+        self.requests.append(request)
+        entry = self.script.pop(0)
+        if isinstance(entry, ProviderError):
+            raise entry
+        return entry
 
 
 def live(folder: Path, *script: Reply | ProviderError) -> Record:
@@ -58,19 +58,19 @@ def test_the_hash_of_a_request_is_golden():
         Message("assistant", ("12",)),
         Message("user", ("Sure?",)),
     )
-    asked = Request(messages, {"type": "object", "b": 1, "a": [2.5]})
-    assert asked.sha256 == "c0533a0cf76d60ec257848db546dddf566c3f96966ae6da0dc21f87deb436f58"
-    assert asked.sha256 == Request(messages, {"a": [2.5], "b": 1, "type": "object"}).sha256
+    question = Request(messages, {"type": "object", "b": 1, "a": [2.5]})
+    assert question.sha256 == "c0533a0cf76d60ec257848db546dddf566c3f96966ae6da0dc21f87deb436f58"
+    assert question.sha256 == Request(messages, {"a": [2.5], "b": 1, "type": "object"}).sha256
 
 
 def test_an_exchange_is_a_whole_line(tmp_path):
     live(tmp_path, reply('{"ä": 1}')).ask(request("Which view?"), "question")
     (line,) = (tmp_path / "transcript.jsonl").read_text().splitlines()
-    found = json.loads(line)
-    assert found["time"].endswith("Z")
-    assert found["request"] == request("Which view?").canonical()
-    assert found["request"]["messages"][0]["parts"][1] == {"image": PICTURE.sha256}
-    assert (found["answer"], found["tokens_in"], found["sampling"]) == (
+    exchange = json.loads(line)
+    assert exchange["time"].endswith("Z")
+    assert exchange["request"] == request("Which view?").canonical()
+    assert exchange["request"]["messages"][0]["parts"][1] == {"image": PICTURE.sha256}
+    assert (exchange["answer"], exchange["tokens_in"], exchange["sampling"]) == (
         *('{"ä": 1}', 10, {"temperature": 2.0}),
     )
 
@@ -131,9 +131,9 @@ def test_an_answer_in_the_wrong_form_goes_back_with_the_reason(tmp_path):
         record = Record(tmp_path, asks)
         assert Conversation(record, "question", 6).ask(["?"], Subtasks).first.name == "a"
         assert totals_of(record.used)["all"]["invalid_answers"] == len(bad)
-    for asked, (reason, sent) in zip(provider.asked[1:], bad.items(), strict=True):
-        assert asked.messages[-2].parts == (sent.answer,)
-        assert reason in asked.messages[-1].parts[0]
+    for retry, (reason, sent) in zip(provider.requests[1:], bad.items(), strict=True):
+        assert retry.messages[-2].parts == (sent.answer,)
+        assert reason in retry.messages[-1].parts[0]
     with pytest.raises(NoAnswerError, match=r"no usable answer in 2 attempts.*attempts="):
         Conversation(Record(tmp_path), "question", 2).ask(["?"], Subtasks)
 
@@ -149,15 +149,15 @@ def test_a_transcripts_totals_are_by_conversation_and_of_all(tmp_path):
     for error in (ProviderError, RefusalError):
         with pytest.raises(error):
             record.ask(request("else"), "reward/text")
-    found = totals_of(Record(tmp_path).exchanges)
+    totals = totals_of(Record(tmp_path).exchanges)
     keys = ("prompts", "tokens_in", "tokens_out", "prompts_without_token_count", "invalid_answers")
-    assert {name: tuple(row[key] for key in keys) for name, row in found.items()} == {
+    assert {name: tuple(row[key] for key in keys) for name, row in totals.items()} == {
         "question": (2, 20, 6, 0, 1),
         "rank": (2, 10, 3, 1, 1),
         "reward/text": (1, 10, 3, 0, 1),
         "all": (5, 40, 12, 1, 3),
     }
-    assert in_words(found["all"]) == (
+    assert in_words(totals["all"]) == (
         "5 prompts, 52 tokens (40 in, 12 out; 1 prompts not counted), 3 invalid answers"
     )
     assert papers_totals() == "25 prompts, 14137 tokens"
@@ -172,10 +172,10 @@ def test_a_ranking_is_a_permutation_of_its_list_and_says_how_sure_it_is():
     answer = form.model_validate_json(places("d", "a", "b+c")).model_dump()
     assert [place["name"] for place in answer["places"]] == ["d", "a", "b+c"]
     assert answer["sure"] == [0.9, 0.5]
-    for wrong, said in [
+    for wrong, message in [
         (places("d", "a", "a"), r"missing: b\+c; named twice: a"),
         (places("d", "a", "c+b"), r"'c\+b' is not one of a, b\+c, d"),
         (places("d", "a", "b+c", sure=(0.9, 0.49)), r"it must be 2 numbers from 0\.5 to 1"),
     ]:
-        with pytest.raises(ValidationError, match=said):
+        with pytest.raises(ValidationError, match=message):
             form.model_validate_json(wrong)

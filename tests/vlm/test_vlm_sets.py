@@ -34,11 +34,11 @@ def test_a_long_list_is_put_in_the_order_of_its_groups():
         {"places": [{"name": n, "reason": "r"} for n in sorted(dealt)], "sure": [0.9] * 4}
         for dealt in deal(names, 5, 4)
     ]
-    found = of_groups(names, 5, 4, answers)
-    order = [place["name"] for place in found["rankings"][0]]
+    result = of_groups(names, 5, 4, answers)
+    order = [place["name"] for place in result["rankings"][0]]
     assert sum(a > b for a, b in combinations(order, 2)) < 19, order
     assert (order[0], order[-1]) == ("rgb_p01", "rgb_p20")
-    assert all(0.5 <= one < 1 for one in found["sure"][0])
+    assert all(0.5 <= value < 1 for value in result["sure"][0])
     # Names that a model cannot tell apart are as strong as each other.
     tied = {"places": [{"name": name} for name in "abc"], "sure": [0.5, 0.8]}
     told = strengths("abc", [tied])
@@ -60,9 +60,9 @@ def test_the_placements_are_what_is_drawn_and_no_cameras_elsewhere():
 def test_any_sets_are_ranked_with_their_places_in_words(words, server):
     chosen = ["sets=[rgb_side,dep_front,segdep_front]", "group=2", "rounds=2"]
     assert main(["vlm", "rank", *chosen, *words]) == 0
-    (found,) = json.loads(Path("results/main/vlm/rankings_sets.json").read_text())["lists"]
-    assert sorted(found["combinations"]) == ["dep_front", "rgb_side", "segdep_front"]
-    assert sorted(len(q["sets"]) for q in found["questions"]) == [1, 1, 2, 2]
+    (ranking,) = json.loads(Path("results/main/vlm/rankings_sets.json").read_text())["lists"]
+    assert sorted(ranking["combinations"]) == ["dep_front", "rgb_side", "segdep_front"]
+    assert sorted(len(q["sets"]) for q in ranking["questions"]) == [1, 1, 2, 2]
     assert "45 degrees round from the front of the hoop" in json.dumps(server.requests)
     shown = json.loads(Path("results/main/vlm/pictures.json").read_text())["pictures"]
     assert "rgb_default" not in shown["start"]
@@ -76,25 +76,25 @@ def test_pictures_of_a_bench_are_ranked_without_a_simulator(words, server, tmp_p
     (folder / "about.txt").write_text("A gripper puts a nut on a bolt.")
     monkeypatch.setattr("needlehoop.vlm.inquiry.open_album", None)
     assert main(["vlm", "rank", f"pictures={folder}", *words]) == 0
-    (found,) = json.loads(Path("results/main/vlm/rankings_pictures.json").read_text())["lists"]
-    assert found["combinations"] == ["left", "top", "wrist"]
+    (ranking,) = json.loads(Path("results/main/vlm/rankings_pictures.json").read_text())["lists"]
+    assert ranking["combinations"] == ["left", "top", "wrist"]
     (request,) = server.requests
-    said = json.dumps(request)
-    assert "A gripper puts a nut on a bolt." in said
-    assert "needle" not in said.replace("needlehoop", "")
-    assert said.count("image/png") == 3
+    text = json.dumps(request)
+    assert "A gripper puts a nut on a bolt." in text
+    assert "needle" not in text.replace("needlehoop", "")
+    assert text.count("image/png") == 3
 
 
 def test_a_mistake_names_the_key(words, server, capsys):
     Path("broken").mkdir()
     for name in "ab":
         Path(f"broken/{name}.png").write_bytes(b"nothing")
-    for argument, said in (
+    for argument, message in (
         ("pictures=results", "two or more pictures"),
         ("pictures=broken", "image file 'broken/a.png'"),
         ("sets=[rgb_front,rgb_top]", "sets: rgb_top: "),
     ):
         Path("results").mkdir(exist_ok=True)
         assert main(["vlm", "rank", argument, *words]) == 2
-        assert said in capsys.readouterr().err
+        assert message in capsys.readouterr().err
     assert server.requests == []

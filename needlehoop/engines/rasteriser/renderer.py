@@ -47,14 +47,14 @@ class Rasteriser(ABC):
         self._size = wp.vec2i(width, height)
         counts = [iter(range(len(views))) for _ in range(3)]
         self._images = {
-            view: [next(at) if wanted else -1 for at, wanted in zip(counts, channels, strict=True)]
+            view: [next(at) if needed else -1 for at, needed in zip(counts, channels, strict=True)]
             for view, channels in views.items()
         }
         rows = [(model.camera(view).id, *images) for view, images in self._images.items()]
         dtype: Any = Lens.numpy_dtype()
         self._lenses = wp.array(np.array(rows, dtype), dtype=Lens, device=self._warp)
         pixels = width * height
-        sizes = [num_envs * pixels * sum(asked) for asked in zip(*views.values(), strict=True)]
+        sizes = [num_envs * pixels * sum(needs) for needs in zip(*views.values(), strict=True)]
         lengths = dict(zip(("colour", "depth", "geom"), sizes, strict=True))
         self._buffers = self._zeros(FrameBuffers, **lengths)
         self._buffers.count = num_envs
@@ -178,12 +178,12 @@ class ParallelRasteriser(Rasteriser):
         with warp_device.on(self._device):
             for first in range(0, max(count, 1), self._at_once):
                 images = max(0, min(self._at_once, count - first)) * views
-                own = [self._solids, self._lenses, self._poses, self._scratch, size, first]
+                args = [self._solids, self._lenses, self._poses, self._scratch, size, first]
                 solids = self._solids.solids.shape[0]
-                wp.launch(parallel.project, dim=(images, solids), inputs=own)
+                wp.launch(parallel.project, dim=(images, solids), inputs=args)
                 strips = (images, faces, parallel.STRIPS)
-                wp.launch(parallel.cover, dim=strips, inputs=own)
-                wp.launch(parallel.shade, dim=(images, self._pixels), inputs=[*own, self._buffers])
+                wp.launch(parallel.cover, dim=strips, inputs=args)
+                wp.launch(parallel.shade, dim=(images, self._pixels), inputs=[*args, self._buffers])
 
 
 _AT_ONCE = 4096

@@ -75,8 +75,8 @@ def pack(model: mujoco.MjModel, device: str) -> Solids:
     vertices = np.cumsum([0, *map(len, corners)])
     faces = np.cumsum([0, *(len(surface.faces) for surface in surfaces)])
     rows = [
-        (geom, *vertices[i : i + 2], *faces[i : i + 2], np.linalg.norm(own, axis=1).max())
-        for i, (geom, own) in enumerate(zip(bodies, corners, strict=True))
+        (geom, *vertices[i : i + 2], *faces[i : i + 2], np.linalg.norm(points, axis=1).max())
+        for i, (geom, points) in enumerate(zip(bodies, corners, strict=True))
     ]
     lights = model.light_active.nonzero()[0]
     if (model.light_type[lights] != mujoco.mjtLightType.mjLIGHT_DIRECTIONAL).any():
@@ -199,13 +199,13 @@ def _capsule(model: mujoco.MjModel, geom: int, size: np.ndarray) -> Surface:
 def _mesh(model: mujoco.MjModel, geom: int, size: np.ndarray) -> Surface:
     mesh = int(model.geom_dataid[geom])
 
-    def own(array: np.ndarray, start: np.ndarray, count: np.ndarray) -> np.ndarray:
+    def rows(array: np.ndarray, start: np.ndarray, count: np.ndarray) -> np.ndarray:
         return array[start[mesh] : start[mesh] + count[mesh]]
 
-    vertices = own(model.mesh_vert, model.mesh_vertadr, model.mesh_vertnum).astype(np.float64)
-    faces = own(model.mesh_face, model.mesh_faceadr, model.mesh_facenum)
-    authored = own(model.mesh_normal, model.mesh_normaladr, model.mesh_normalnum)
-    indices = own(model.mesh_facenormal, model.mesh_faceadr, model.mesh_facenum)
+    vertices = rows(model.mesh_vert, model.mesh_vertadr, model.mesh_vertnum).astype(np.float64)
+    faces = rows(model.mesh_face, model.mesh_faceadr, model.mesh_facenum)
+    authored = rows(model.mesh_normal, model.mesh_normaladr, model.mesh_normalnum)
+    indices = rows(model.mesh_facenormal, model.mesh_faceadr, model.mesh_facenum)
     seen = _with_area(vertices, faces)
     faces, corners = faces[seen], authored[indices[seen]]
     flat = Surface(vertices, faces, corners).planes[:, None, :3]

@@ -81,12 +81,12 @@ def fit(value: Tensor, node: ast.AST, wish: str = "number") -> Tensor:
 
 def compare(node: ast.Compare, ops: list[ast.cmpop], values: list[Tensor]) -> Tensor:
     """``a < b < c`` is ``a < b and b < c``."""
-    found = []
+    truths = []
     for op, a, b in zip(ops, values, values[1:], strict=False):
         if type(op) not in COMPARISONS:
             raise foreign(node, op)
-        found.append(COMPARISONS[type(op)](a, b))
-    return reduce(torch.logical_and, found)
+        truths.append(COMPARISONS[type(op)](a, b))
+    return reduce(torch.logical_and, truths)
 
 
 def arithmetic(node: ast.AST, op: ast.operator, a: Tensor, b: Tensor) -> Tensor:

@@ -60,9 +60,9 @@ class Program:
     def __call__(self, signals: Signals) -> dict[str, Tensor]:
         """Terms ``(n,)`` float64 by name. They may be infinite or NaN, as for ``log(0)``."""
         n = signals.batch_size[0]
-        found = _Walk(self.table, signals).terms(self.body)
+        terms = _Walk(self.table, signals).terms(self.body)
         # Copies, because a term may be a signal itself.
-        return {name: term.expand(n).clone() for name, term in found.items()}
+        return {name: term.expand(n).clone() for name, term in terms.items()}
 
 
 def compile_program(source: str, table: Mapping[str, Signal]) -> Program:
@@ -109,7 +109,7 @@ def _literal(node: ast.expr) -> float | None:
 
 
 def _summed(node: ast.expr) -> list[str]:
-    """The names whose plain sum an expression is; none if it is anything else."""
+    """The names that an expression sums; none if it is more than a plain sum."""
     match node:
         case ast.BinOp(left=ast.Name(id=first), op=ast.Add(), right=ast.Name(id=last)):
             return [first, last]
@@ -125,7 +125,7 @@ class _Walk:
         self._table, self._signals = table, signals
         self._variables: dict[str, Tensor] = {}
         self._summands: dict[str, Tensor] = {}
-        """The values whose plain sum the result is, if it is one."""
+        """The values that the result sums, if it is a plain sum."""
         self._last: ast.stmt | None = None
         """The last assignment to the result."""
         self._depth = 0
@@ -138,7 +138,7 @@ class _Walk:
             line = (body[-1].end_lineno if body else None) or 1
             raise ProgramError(line, 1, f"{RESULT!r} is not assigned in every branch")
         terms = self._summands or {RESULT: self._variables[RESULT]}
-        return {name: fit(one, last) for name, one in terms.items()}
+        return {name: fit(value, last) for name, value in terms.items()}
 
     # Statements.
 
@@ -170,7 +170,7 @@ class _Walk:
             self._last, self._summands = statement, summands
 
     def _summed(self, target: str, expression: ast.expr) -> dict[str, Tensor]:
-        """The variables and signals that the result is the plain sum of, outside every if."""
+        """The variables and signals that the result sums; none inside an ``if``."""
         names = _summed(expression)
         plain = target == RESULT and not self._depth and RESULT not in names
         if not plain or len(set(names)) < len(names):
@@ -235,14 +235,14 @@ class _Walk:
                 return arithmetic(node, op, self._value(left), self._value(right))
             case ast.BoolOp(op=op, values=operands):
                 return reduce(JUNCTIONS[type(op)], map(self._truth, operands))
-            case ast.Compare(left=left, ops=ops, comparators=others):
-                values = [fit(self._value(one), node) for one in (left, *others)]
+            case ast.Compare(left=left, ops=ops, comparators=comparators):
+                values = [fit(self._value(side), node) for side in (left, *comparators)]
                 return compare(node, ops, values)
             case ast.IfExp(test=test, body=body, orelse=orelse):
                 condition = self._truth(test)
                 return choose(node, condition, self._value(body), self._value(orelse))
-            case ast.Call(func=ast.Name(id=name), args=given, keywords=[]):
-                return self._call(node, name, given)
+            case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
+                return self._call(node, name, arguments)
             case ast.Call():
                 raise refuse(node, "a call is a name and its arguments, without keywords")
             case _:
@@ -252,9 +252,9 @@ class _Walk:
         if name in self._variables:
             return self._variables[name]
         if name not in self._table:
-            own = f"; variables: {', '.join(self._variables)}" if self._variables else ""
+            hint = f"; variables: {', '.join(self._variables)}" if self._variables else ""
             raise refuse(
-                node, f"{name!r} is unknown; signals: {', '.join(vocabulary(self._table))}{own}"
+                node, f"{name!r} is unknown; signals: {', '.join(vocabulary(self._table))}{hint}"
             )
         if self._table[name].source == "verdict":
             raise refuse(node, f"{name!r} is the verdict, which no program may read")
@@ -266,24 +266,24 @@ class _Walk:
             raise refuse(node, f"{kind_of(value)}, where a truth value such as a < b is needed")
         return value
 
-    def _call(self, node: ast.Call, name: str, given: list[ast.expr]) -> Tensor:
+    def _call(self, node: ast.Call, name: str, arguments: list[ast.expr]) -> Tensor:
         if name not in FUNCTIONS:
             raise refuse(node, f"{name!r} is no function; choose from {', '.join(FUNCTIONS)}")
         signature, _, takes, run = FUNCTIONS[name]
-        more = len(given) - len(takes)
+        more = len(arguments) - len(takes)
         if more < 0 or (more and "..." not in signature):
-            raise refuse(node, f"{len(given)} arguments; {signature}")
+            raise refuse(node, f"{len(arguments)} arguments; {signature}")
         if name == "where":
-            condition = self._truth(given[0])
-            return choose(node, condition, self._value(given[1]), self._value(given[2]))
+            condition = self._truth(arguments[0])
+            return choose(node, condition, self._value(arguments[1]), self._value(arguments[2]))
         if name == "component":
-            vector, index = fit(self._value(given[0]), node, "vector"), _literal(given[1])
+            vector, index = fit(self._value(arguments[0]), node, "vector"), _literal(arguments[1])
             if index is None or index not in range(size_of(vector)):
                 raise refuse(node, f"an index is one of 0 to {size_of(vector) - 1}, written out")
             return vector[..., int(index)]
         values = [
             fit(self._value(argument), argument, wish)
-            for argument, wish in zip(given, takes + takes[-1:] * more, strict=True)
+            for argument, wish in zip(arguments, takes + takes[-1:] * more, strict=True)
         ]
         if set(takes) == {"vector"} and len({size_of(value) for value in values}) > 1:
             raise refuse(node, f"vectors of different lengths; {signature}")

@@ -51,30 +51,30 @@ class Answers:
 
 def read_answers(folder: Path, rankings: str = RANKINGS) -> Answers | None:
     """A model's answers, as ``needlehoop vlm question`` and ``rank`` write them, if any."""
-    said = [json.loads(path.read_text(encoding="utf-8"))
-            for name in (QUESTIONS, rankings) if (path := folder / name).exists()]  # fmt: skip
-    rows = [as_rows(one["answers"], one["asked"]) for one in said if "answers" in one]
-    lists = [_ranking(one) for own in said for one in own.get("lists", ())]
-    models = dict.fromkeys(model for one in said for model in one["models"])
-    return Answers(", ".join(models), [*chain(*rows)], lists) if said else None
+    replies = [json.loads(path.read_text(encoding="utf-8"))
+               for name in (QUESTIONS, rankings) if (path := folder / name).exists()]  # fmt: skip
+    rows = [as_rows(reply["answers"], reply["asked"]) for reply in replies if "answers" in reply]
+    lists = [_ranking(record) for reply in replies for record in reply.get("lists", ())]
+    models = dict.fromkeys(model for reply in replies for model in reply["models"])
+    return Answers(", ".join(models), [*chain(*rows)], lists) if replies else None
 
 
-def _ranking(one: Mapping[str, Any]) -> Ranking:
+def _ranking(record: Mapping[str, Any]) -> Ranking:
     """A list of ``rankings.json``: each of its samples is an order, the best first."""
-    orders = [[place["name"] for place in sample] for sample in one["rankings"]]
-    places = {name: sum(own.index(name) + 1 for own in orders) / len(orders) for name in orders[0]}
+    orders = [[place["name"] for place in sample] for sample in record["rankings"]]
+    places = {name: sum(row.index(name) + 1 for row in orders) / len(orders) for name in orders[0]}
     pairs = (
         zip(order, order[1:], stated, strict=False)
-        for order, stated in zip(orders, one.get("sure", ()), strict=False)
+        for order, stated in zip(orders, record.get("sure", ()), strict=False)
     )
     # Equal means stay in the order of the first sample.
     return Ranking(dict(sorted(places.items(), key=lambda item: item[1])), [*chain(*pairs)])
 
 
-def as_rows(answers: Mapping[str, Any], asked: Mapping[str, str]) -> list[Answer]:
+def as_rows(answers: Mapping[str, Any], words: Mapping[str, str]) -> list[Answer]:
     """The answers of ``questions.json`` in the order of Table I, and those of Appendix B.
 
-    ``asked`` has facts in words: cameras were asked for that show them.
+    ``words``: facts in words; the model was asked which cameras show them.
     """
     facts = {**answers}
     parts, suits, layouts = (facts.pop(key) for key in ("subtasks", "suits", "layouts"))
@@ -84,7 +84,7 @@ def as_rows(answers: Mapping[str, Any], asked: Mapping[str, str]) -> list[Answer
     choices = {"for subtask 1": suits["first"], "for subtask 2": suits["second"]}
     choices["to see that the goal is reached"] = facts.pop("goal")
     choices |= {
-        f"to see that {asked.get(fact, f'it is {fact}')}": own for fact, own in facts.items()
+        f"to see that {words.get(fact, f'it is {fact}')}": choice for fact, choice in facts.items()
     }
     rows += [
         Answer(f"Best {what} {purpose}", choice[what], choice[f"{what}_reason"])

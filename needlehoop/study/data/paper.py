@@ -46,7 +46,7 @@ def reward_order(reward: str) -> tuple[int, str]:
 
 
 def task() -> str:
-    """The name of its task, which is the one that is chosen where none is named."""
+    """The name of the paper's task, which is also the default task."""
     return yaml.safe_load((CONF / "task/standard.yaml").read_text())["name"]
 
 

@@ -36,7 +36,7 @@ class TaskNote:
 
 @dataclass(frozen=True, order=True)
 class Place:
-    """Which run it is: what it saw, what it was paid for, what it was seeded with."""
+    """What identifies a run: its cameras, its reward and its seed."""
 
     cameras: str
     """Joined by ``+``, as in the folder's name: ``dep_front+seg_side``."""

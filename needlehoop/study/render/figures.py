@@ -24,10 +24,10 @@ from needlehoop.study.stats.run import CHEAT, evaluations, has_curve, smooth
 from needlehoop.study.stats.statistics import ENOUGH, Estimated, Interval
 
 _PANEL = 7
-"""Curves in a panel that is not parted into lists, at most."""
+"""Most curves in one panel; more are split into lists."""
 
 _POINTS = 120
-"""Of a curve, at most."""
+"""Most points of a curve."""
 
 Lines = Sequence[tuple[str, Sequence[Record], int]]
 """What a panel shows: name, runs and number of the colour of each line."""
@@ -42,14 +42,14 @@ def learning_curves(findings: StudyFindings) -> Figure | None:
     if len(drawn) > _PANEL:
         lists = findings.lists.items()
         panels = {
-            LISTS.get(name, name): [one for one in drawn if one in own] for name, own in lists
+            LISTS.get(name, name): [cams for cams in drawn if cams in sets] for name, sets in lists
         }
-        listed = {one for own in panels.values() for one in own}
-        panels["Others"] = [one for one in drawn if one not in listed]
+        listed = {cams for sets in panels.values() for cams in sets}
+        panels["Others"] = [cams for cams in drawn if cams not in listed]
     shown = [
-        (title, [(short(one), drawn[one], i) for i, one in enumerate(own)])
-        for title, own in panels.items()
-        if own
+        (title, [(short(cams), drawn[cams], i) for i, cams in enumerate(sets)])
+        for title, sets in panels.items()
+        if sets
     ]
     figure, grid = new_figure(6 + 46 * len(shown), len(shown), sharex=True)
     draw_panels(grid[:, 0], shown, partial(smooth, column="return"), "return in training", True)
@@ -62,20 +62,20 @@ def reward_comparison(findings: StudyFindings) -> Figure | None:
     Beside the returns stands how often training's sampled actions succeed, and how often the mean
     action does in evaluations: it can stop short where noise still gets there.
     """
-    known = [one for one in findings.results if any(map(has_curve, one.runs))]
-    known.sort(key=lambda one: reward_order(one.reward))
-    rivals = {best.cameras: [one for one in known if one.cameras == best.cameras]
+    known = [result for result in findings.results if any(map(has_curve, result.runs))]
+    known.sort(key=lambda result: reward_order(result.reward))
+    rivals = {best.cameras: [result for result in known if result.cameras == best.cameras]
               for best in findings.ranked}  # fmt: skip
-    rivals = {cameras: own for cameras, own in rivals.items() if len(own) > 1}
+    rivals = {cameras: group for cameras, group in rivals.items() if len(group) > 1}
     if not rivals:
         return None
     # A reward keeps its colour from panel to panel.
-    colours = sorted({one.reward for own in rivals.values() for one in own}, key=reward_order)
+    colours = sorted({one.reward for group in rivals.values() for one in group}, key=reward_order)
     panels = [
-        (short(cameras), [(one.reward, one.runs, colours.index(one.reward)) for one in own])
-        for cameras, own in rivals.items()
+        (short(cameras), [(one.reward, one.runs, colours.index(one.reward)) for one in group])
+        for cameras, group in rivals.items()
     ]
-    untitled = [("", own) for _, own in panels]
+    untitled = [("", lines) for _, lines in panels]
     figure, grid = new_figure(17 + 36 * len(panels), len(panels), 3, sharex=True)
     draw_panels(grid[:, 0], panels, partial(smooth, column="return"), "return in its own points")
     draw_panels(grid[:, 1], untitled, partial(smooth, column="success"), findings.goal)
@@ -83,8 +83,8 @@ def reward_comparison(findings: StudyFindings) -> Figure | None:
     for axes in grid[:, 1:].flat:
         axes.set_ylim(-0.05, 1.05)
         axes.set_yticks([0, 0.5, 1], ["0", "50 %", "100 %"])
-    for axes, said in zip(grid[0, 1:], ("in training", "in evaluations"), strict=True):
-        axes.set_title(said, fontweight="normal", fontsize=6.5)
+    for axes, title in zip(grid[0, 1:], ("in training", "in evaluations"), strict=True):
+        axes.set_title(title, fontweight="normal", fontsize=6.5)
     for axes in grid[:, 2]:
         axes.tick_params(labelleft=False)
     for axes in grid[-1, ::2]:
@@ -129,7 +129,7 @@ def draw_panels(
             )
             ends.append((max(middle[~np.isnan(middle)][-1:], default=0.0), line, name))
         if named:
-            _, handles, names = zip(*sorted(ends, key=lambda own: -own[0]), strict=True)
+            _, handles, names = zip(*sorted(ends, key=lambda end: -end[0]), strict=True)
             axes.legend(
                 handles, names, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False,
                 fontsize=6.5, handlelength=2.2,
@@ -181,8 +181,8 @@ def final_values(findings: StudyFindings) -> Figure:
     left.set_ylim(len(results) - 0.4, -0.6)
     left.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 3, 5, 10]))
     left.set_xlabel("final return")
-    for axes, (name, own), colour in zip(right, shares.items(), COLOURS[2:0:-1], strict=False):
-        _bars(axes, own, colour, "{:.0f} %", 100.0, 1.0)
+    for axes, (name, rates), colour in zip(right, shares.items(), COLOURS[2:0:-1], strict=False):
+        _bars(axes, rates, colour, "{:.0f} %", 100.0, 1.0)
         axes.set_xlabel(name)
         axes.set_xticks([0, 1], ["0", "100 %"])
     # The paper's numbers are of the human reward.
@@ -203,15 +203,15 @@ def _bars(
 ) -> None:
     """Bars with intervals, and their values in units of ``1 / unit`` beside the axes."""
     ends = [one.interval or Interval(one.value, one.value) for one in estimates]
-    highest = max(full, *(own.high for own in ends))
-    axes.set_xlim(min(0.0, *(own.low for own in ends)), highest)
+    highest = max(full, *(end.high for end in ends))
+    axes.set_xlim(min(0.0, *(end.low for end in ends)), highest)
     axes.tick_params(axis="y", length=0)
-    for y, (found, own) in enumerate(zip(estimates, ends, strict=True)):
-        axes.barh(y, found.value, height=0.66, color=colour, alpha=0.75)
+    for y, (estimated, end) in enumerate(zip(estimates, ends, strict=True)):
+        axes.barh(y, estimated.value, height=0.66, color=colour, alpha=0.75)
         # In front of the paper's mark, which would hide a narrow one.
-        axes.plot([own.low, own.high], [y, y], color=INK, linewidth=0.9, zorder=6)
-        said = form.format(unit * found.value)
-        axes.text(1.07 * highest, y, said, va="center", fontsize=6, clip_on=False)
+        axes.plot([end.low, end.high], [y, y], color=INK, linewidth=0.9, zorder=6)
+        label = form.format(unit * estimated.value)
+        axes.text(1.07 * highest, y, label, va="center", fontsize=6, clip_on=False)
 
 
 _DRAWN: dict[str, tuple[Callable[[StudyFindings], Figure | None], str]] = {

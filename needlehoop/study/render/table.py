@@ -34,7 +34,7 @@ def written(cell: Cell, form: str = ".2f", scale: float = 1.0) -> str:
             return written(value, form, scale) + ends
         case float() | int():
             return "undefined" if math.isnan(cell) else f"{scale * cell:{form}}"
-    return ", ".join(written(one, form, scale) for one in cell)
+    return ", ".join(written(part, form, scale) for part in cell)
 
 
 def percent(cell: Cell) -> str:

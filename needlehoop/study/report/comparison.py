@@ -39,14 +39,14 @@ def comparisons(studies: Sequence[Study]) -> list[Comparison]:
     names = [study.folder.resolve().name for study in studies]
     if len({*names}) < max(len(names), 2):
         raise ValueError(f"studies: {', '.join(names)}; name two or more, of different names")
-    found: dict[tuple[str, str], dict[str, list[Record]]] = {}
+    runs: dict[tuple[str, str], dict[str, list[Record]]] = {}
     for name, study in zip(names, studies, strict=True):
         for run in filter(has_curve, study.runs):
             place = (run.place.cameras, run.place.reward)
-            found.setdefault(place, {}).setdefault(name, []).append(run)
-    shared: list[Comparison] = [found[place] for place in sorted(found) if len(found[place]) > 1]
+            runs.setdefault(place, {}).setdefault(name, []).append(run)
+    shared: list[Comparison] = [runs[place] for place in sorted(runs) if len(runs[place]) > 1]
     if not shared:
-        trained = (f"\n  {'/'.join(place)}: {', '.join(own)}" for place, own in found.items())
+        trained = (f"\n  {'/'.join(place)}: {', '.join(group)}" for place, group in runs.items())
         raise ValueError(f"studies: no cameras and reward that two of them have{''.join(trained)}")
     return shared
 
@@ -59,16 +59,16 @@ def compared_runs(runs: Sequence[Record]) -> Comparison:
     if empty := [str(run.folder) for run in runs if not has_curve(run)]:
         raise ValueError(f"{empty[0]}: no episode has ended yet")
     parts = [folder.parts for folder in folders]
-    odd = [i for i, own in enumerate(zip(*parts, strict=False)) if len({*own}) > 1]
-    names = ("/".join(own[i] for i in odd) for own in parts)
+    odd = [i for i, level in enumerate(zip(*parts, strict=False)) if len({*level}) > 1]
+    names = ("/".join(path[i] for i in odd) for path in parts)
     return {name: [run] for name, run in zip(names, runs, strict=True)}
 
 
-def outcomes(found: Sequence[Comparison], of: str) -> Table:
+def outcomes(groups: Sequence[Comparison], of: str) -> Table:
     """Results, and how far each ``study`` or ``run`` (``of``) is from the first named."""
     rows = []
-    for one in found:
-        results = {name: result for name, runs in one.items() if (result := result_of(runs))}
+    for group in groups:
+        results = {name: result for name, runs in group.items() if (result := result_of(runs))}
         first = next(iter(results.values()), None)
         for name, result in results.items():
             row = {of: name, "difference of success, %": "", "difference of return": ""}
@@ -79,8 +79,8 @@ def outcomes(found: Sequence[Comparison], of: str) -> Table:
                 if result.reward == first.reward:
                     less = difference(_value(first), _value(result))
                     row["difference of return"] = written(less, "+.2f")
-            own = result_row(result)
-            rows.append(row | {key: own[key] for key in _SHOWN})
+            cells = result_row(result)
+            rows.append(row | {key: cells[key] for key in _SHOWN})
     note = (
         f"Differences are from the {of} that stands first for these cameras and this reward, in"
         " points of percent and of return, with 95 % intervals. " + RESULTS_NOTE
@@ -97,15 +97,15 @@ def _value(result: Result) -> Estimated:
     return replace(value, interval=Interval(value.value - half, value.value + half))
 
 
-def differences(found: Sequence[Comparison]) -> Table:
+def differences(groups: Sequence[Comparison]) -> Table:
     """Settings and commits in which the studies or runs differ."""
     told = []
-    for name, run in ((who, run) for one in found for who, runs in one.items() for run in runs):
-        own = pd.json_normalize({**run.config, "commit": run.manifest.get("commit")}).iloc[0]
-        told.append(own.drop([*_WHICH], errors="ignore").map(_as_text).rename(name))
+    for key, run in ((key, run) for group in groups for key, runs in group.items() for run in runs):
+        config = pd.json_normalize({**run.config, "commit": run.manifest.get("commit")}).iloc[0]
+        told.append(config.drop([*_WHICH], errors="ignore").map(_as_text).rename(key))
     # Where runs of a study differ among themselves, all its values.
     by_name = pd.DataFrame(told).groupby(level=0, sort=False)
-    settings = by_name.agg(lambda own: " / ".join(own.dropna().unique())).T.sort_index()
+    settings = by_name.agg(lambda values: " / ".join(values.dropna().unique())).T.sort_index()
     differing = settings[settings.nunique(axis=1) > 1].rename_axis("setting").reset_index()
     note = "Empty: a setting that did not exist when the run was made."
     return Table.of("settings", "What differs", differing.to_dict("records"), note)
@@ -117,34 +117,34 @@ def _as_text(value: Any) -> str:
     return f"{lines} lines" if lines else str(value)
 
 
-def comparison_chart(one: Comparison) -> Figure:
+def comparison_chart(group: Comparison) -> Figure:
     """How far episodes come, and the return, over training; a line for each study."""
-    every = [run for runs in one.values() for run in runs]
+    every = [run for runs in group.values() for run in runs]
     # The facts that end the last two phases.
     columns = [*(fact for _, fact in every[0].task.phases[-2:]), "return"]
     figure, grid = new_figure(12 + 40 * len(columns), len(columns), sharex=True)
-    lines = [(short(name), own, number) for number, (name, own) in enumerate(one.items())]
+    lines = [(short(name), runs, number) for number, (name, runs) in enumerate(group.items())]
     for axes, column in zip(grid[:, 0], columns, strict=True):
         words = f"{column} in training"
         draw_panels([axes], [("", lines)], partial(smooth, column=column), words, named=True)
     return figure
 
 
-def write_comparison(found: Sequence[Comparison], of: str, out: Path, command: str) -> list[Table]:
+def write_comparison(groups: Sequence[Comparison], of: str, out: Path, command: str) -> list[Table]:
     """Write tables, charts and ``comparison.html`` into a folder; returns the tables."""
-    tables = [differences(found), outcomes(found, of)]
+    tables = [differences(groups), outcomes(groups, of)]
     for table in tables:
         table.write(out)
     sections = [Section("Tables", tables=tables)]
-    for one in found:
-        places = [run.place for runs in one.values() for run in runs]
-        name = "_vs_".join(dict.fromkeys(f"{own.cameras}_{own.reward}" for own in places))
+    for group in groups:
+        places = [run.place for runs in group.values() for run in runs]
+        name = "_vs_".join(dict.fromkeys(f"{place.cameras}_{place.reward}" for place in places))
         title = " / ".join(dict.fromkeys(f"{p.cameras}, {reward_label(p.reward)}" for p in places))
         with styled():
-            chart = Drawn(name, "Learning curves.", save(comparison_chart(one), out / name))
-        films = [Agent(who, film=film) for who, runs in one.items() if (film := film_of(runs))]
-        commands = "\n".join(run.command for runs in one.values() for run in runs)
+            chart = Drawn(name, "Learning curves.", save(comparison_chart(group), out / name))
+        films = [Agent(key, film=film) for key, runs in group.items() if (film := film_of(runs))]
+        commands = "\n".join(run.command for runs in group.values() for run in runs)
         sections.append(Section(title, figures=[chart], agents=films, text=commands))
-    names = dict.fromkeys(name for one in found for name in one)
+    names = dict.fromkeys(name for group in groups for name in group)
     write_page(out / "comparison.html", " and ".join(names), sections, command)
     return tables

@@ -104,11 +104,11 @@ def film_of(runs: Sequence[Record]) -> Path | None:
 
 def undrawn(study: Study) -> dict[Path, list[str]]:
     """Cameras without a picture, by the folder of a run that can draw them."""
-    found: dict[Path, list[str]] = {}
+    missing: dict[Path, list[str]] = {}
     first = {name: run for run in reversed(study.runs) for name in run.config["cams"]}
     for name in sorted(first.keys() - _pictures(study).keys()):
-        found.setdefault(first[name].folder, []).append(name)
-    return found
+        missing.setdefault(first[name].folder, []).append(name)
+    return missing
 
 
 def _pictures(study: Study) -> dict[str, Path]:
@@ -127,16 +127,16 @@ def _sections(findings: StudyFindings, figures: Sequence[Drawn]) -> Iterator[Sec
         results = [one for one in findings.results if one.reward == reward]
         agents = [
             Agent(
-                f"{place}. {one.cameras}",
-                f"{findings.goal}: {percent(one.success)} of 100, return: {written(one.value)}"
-                + (", still in training" if one.unfinished else ""),
-                [pictures[name] for name in one.cameras.split("+") if name in pictures],
-                film_of(one.runs),
+                f"{place}. {entry.cameras}",
+                f"{findings.goal}: {percent(entry.success)} of 100, return: {written(entry.value)}"
+                + (", still in training" if entry.unfinished else ""),
+                [pictures[name] for name in entry.cameras.split("+") if name in pictures],
+                film_of(entry.runs),
             )
-            for place, one in enumerate(results, start=1)
+            for place, entry in enumerate(results, start=1)
         ]
         yield Section(f"Ranking, reward: {reward_label(reward)}", agents=agents)
-    tables = [one for one in all_tables(findings) if not one.rows.empty]
+    tables = [table for table in all_tables(findings) if not table.rows.empty]
     yield Section("Tables", tables=tables)
     yield Section("Training", figures=[one for one in figures if one not in first])
     yield Section("Runs", folded=[(str(run.place), _settings(run)) for run in study.runs])

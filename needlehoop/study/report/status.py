@@ -46,13 +46,13 @@ class Standing:
 def read_job_ends(study: Path) -> Ends:
     """The newest end of each run that sweeps have tried for a study."""
     notes = (study.resolve().parent / files.SWEEPS).glob(f"*/*/{files.OUTCOME}")
-    found: dict[Place, tuple[float, str | None]] = {}
-    for when, path in sorted((one.stat().st_mtime, one) for one in notes):
+    ends: dict[Place, tuple[float, str | None]] = {}
+    for when, path in sorted((path.stat().st_mtime, path) for path in notes):
         note = json.loads(path.read_text(encoding="utf-8"))
         if note["study"] == study.resolve().name:
             place = Place(note["cameras"], note["reward"], note["seed"])
-            found[place] = when, note.get("error")
-    return found
+            ends[place] = when, note.get("error")
+    return ends
 
 
 def standings(study: Study, ends: Ends) -> list[Standing]:
@@ -65,11 +65,11 @@ def standings(study: Study, ends: Ends) -> list[Standing]:
     """
     runs = {run.place: run for run in study.runs}
     seeds = {place.seed for place in runs}
-    expected = {replace(one, seed=seed) for one, seed in product(runs, seeds)} | ends.keys()
+    expected = {replace(place, seed=seed) for place, seed in product(runs, seeds)} | ends.keys()
     rates = {run.place: rate for run in study.runs if (rate := _rate(run))}
     usual = median(rates.values()) if rates else None
     plan = mode(run.planned_steps for run in study.runs) if runs else 0
-    found = []
+    entries = []
     for place in sorted(expected):
         run, (ended, error) = runs.get(place), ends.get(place, (0.0, None))
         state, steps, planned = MISSING, 0, plan
@@ -80,26 +80,26 @@ def standings(study: Study, ends: Ends) -> list[Standing]:
         left = 0.0 if state == DONE else (planned - steps) / pace if pace and planned else None
         done = steps / planned if planned else 0.0
         state = FAILED if error else state
-        found.append(Standing(place, state, done, rates.get(place), left, error))
-    return found
+        entries.append(Standing(place, state, done, rates.get(place), left, error))
+    return entries
 
 
-def describe(found: list[Standing], study: Study) -> str:
+def describe(runs: list[Standing], study: Study) -> str:
     """The standings as a table of text, with the sums below."""
     rows = [
         {
-            "run": str(one.place),
-            "state": one.state,
-            "steps": f"{one.done:.0%}",
-            "steps/s": written(one.rate, ".0f"),
-            "time left": "" if one.state == DONE else _duration(one.left),
+            "run": str(run.place),
+            "state": run.state,
+            "steps": f"{run.done:.0%}",
+            "steps/s": written(run.rate, ".0f"),
+            "time left": "" if run.state == DONE else _duration(run.left),
         }
-        for one in found
+        for run in runs
     ]
     lines = [Table.of("status", str(study.folder), rows).text()] if rows else [f"{study.folder}:"]
-    counts = Counter(one.state for one in found)
+    counts = Counter(run.state for run in runs)
     tally = ", ".join(f"{counts[state]} {state}" for state in STATES)
-    if left := [one.left for one in found if one.state != DONE]:
+    if left := [run.left for run in runs if run.state != DONE]:
         # Side by side as now.
         together = max(1, counts[RUNNING])
         total = None if None in left else sum(filter(None, left)) / together
@@ -107,8 +107,8 @@ def describe(found: list[Standing], study: Study) -> str:
     else:
         tally += "; nothing left to do"
     lines.append(tally)
-    lines += [f"{one.state}: {one.place}: {one.error}" for one in found if one.error]
-    return "\n".join([*lines, *(f"left out: {one}" for one in study.left_out)])
+    lines += [f"{run.state}: {run.place}: {run.error}" for run in runs if run.error]
+    return "\n".join([*lines, *(f"left out: {reason}" for reason in study.left_out)])
 
 
 def _duration(seconds: float | None) -> str:
@@ -127,7 +127,7 @@ def _last_sign(run: Record) -> float:
 
 
 def _state(run: Record, rate: float | None) -> str:
-    """Without what sweeps say."""
+    """The state by the run's own files, without those of sweeps."""
     if run.finished:
         return DONE
     seen = _last_sign(run)

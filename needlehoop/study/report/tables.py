@@ -49,16 +49,16 @@ RESULTS_NOTE = (
 
 def all_tables(findings: StudyFindings) -> list[Table]:
     """Every table, some without rows."""
-    return [one(findings) for one in (results, stress, table_1, table_2, agreements)]
+    return [table(findings) for table in (results, stress, table_1, table_2, agreements)]
 
 
 def results(findings: StudyFindings) -> Table:
     """Every camera set with every reward: reward by reward, the best return first."""
-    ordered = sorted(findings.results, key=lambda one: reward_order(one.reward))
+    ordered = sorted(findings.results, key=lambda result: reward_order(result.reward))
     facts = dict.fromkeys(fact for run in findings.study.runs for _, fact in run.task.phases)
     rows = [
-        result_row(one) | {f"{fact}, %": percent(one.middle(fact)) for fact in facts}
-        for one in ordered
+        result_row(result) | {f"{fact}, %": percent(result.middle(fact)) for fact in facts}
+        for result in ordered
     ]
     return Table.of("results", "Results", rows, RESULTS_NOTE)
 
@@ -93,11 +93,11 @@ def stress(findings: StudyFindings) -> Table:
             continue
         told = pd.concat(tested)
         told = told[told["axis"].eq(NONE) | told["severity"].eq(_SEVERITY)]
-        shares = {str(axis): float(np.mean(own["success"])) for axis, own in told.groupby("axis")}
+        shares = {str(axis): float(np.mean(part["success"])) for axis, part in told.groupby("axis")}
         axes = [axis for axis in sorted(shares, key=shares.__getitem__) if axis not in (NONE, ALL)]
-        parts = [one[one["axis"].isin(axes) & one["severity"].eq(_SEVERITY)] for one in tested]
-        means = [float(np.mean(one["success"])) for one in parts]
-        mean = rate(means, [int(np.sum(one["episodes"])) for one in parts])
+        parts = [part[part["axis"].isin(axes) & part["severity"].eq(_SEVERITY)] for part in tested]
+        means = [float(np.mean(part["success"])) for part in parts]
+        mean = rate(means, [int(np.sum(part["episodes"])) for part in parts])
         rows[mean.value, result.cameras, result.reward] = {
             "cameras": ", ".join(filter(None, (result.cameras, result.reward.partition("+")[2]))),
             "undisturbed, %": percent(shares[NONE]),
@@ -119,10 +119,10 @@ def table_1(findings: StudyFindings) -> Table:
     shown = [*recorded_answers(), paper.answers()] if findings.is_papers else []
     if findings.answers and findings.answers.questions:
         shown.insert(0, findings.answers)
-    said = {one.source: {own.question: own.answer for own in one.questions} for one in shown}
+    answers = {one.source: {row.question: row.answer for row in one.questions} for one in shown}
     rows = [
-        {"question": question} | {who: own.get(question, "") for who, own in said.items()}
-        for question in dict.fromkeys(question for own in said.values() for question in own)
+        {"question": question} | {name: cells.get(question, "") for name, cells in answers.items()}
+        for question in dict.fromkeys(question for cells in answers.values() for question in cells)
     ]
     return Table.of("table_1", "Table I: what the VLM answered", rows)
 
@@ -132,16 +132,16 @@ def table_2(findings: StudyFindings) -> Table:
     known = {result.cameras: result for result in findings.ranked}
     rows: list[Row] = []
     for name, members in findings.lists.items():
-        places = {one.who: one.places(members) for one in findings.rankings}
+        places = {one.source: one.places(members) for one in findings.rankings}
         for cameras in members:
-            own = result_row(known[cameras]) if cameras in known else {"return, 95 %": "not run"}
+            cells = result_row(known[cameras]) if cameras in known else {"return, 95 %": "not run"}
             row = {"list": LISTS.get(name, name), "cameras": cameras}
-            row |= {key: own.get(key, "") for key in ("return", "return, 95 %", "success, %")}
+            row |= {key: cells.get(key, "") for key in ("return", "return, 95 %", "success, %")}
             if findings.is_papers:
                 row["the paper's return"] = written(paper.measured().get(cameras))
-            for who, ranked in places.items():
+            for source, ranked in places.items():
                 of = f" of {len(ranked)}" if len(ranked) < len(members) else ""
-                row[who] = f"{ranked[cameras]:g}{of}" if cameras in ranked else ""
+                row[source] = f"{ranked[cameras]:g}{of}" if cameras in ranked else ""
             rows.append(row)
     note = (
         "Place in the list, 1 the best; ties share their mean. Models that were asked repeatedly:"
@@ -152,25 +152,25 @@ def table_2(findings: StudyFindings) -> Table:
 
 def agreements(findings: StudyFindings) -> Table:
     """How well each prediction fits what was measured, here and in the paper, list by list."""
-    names = {frozenset(own): LISTS.get(name, name) for name, own in findings.lists.items()}
+    names = {frozenset(members): LISTS.get(name, name) for name, members in findings.lists.items()}
     rows: list[Row] = []
     for truth, values in findings.truths.items():
-        for one in findings.predictions_of(truth):
-            who = {"prediction": one.who, "against": truth}
+        for prediction in findings.predictions_of(truth):
+            pair = {"prediction": prediction.source, "against": truth}
             both = []
-            for members, scores in one.lists.items():
-                row = who | {"list": names.get(members) or ", ".join(sorted(members))}
+            for members, scores in prediction.lists.items():
+                row = pair | {"list": names.get(members) or ", ".join(sorted(members))}
                 if missing := len(members - set(values)):
                     if truth == MEASURED:
                         empty = dict.fromkeys((*_AGREEMENT, "Brier"), "")
-                        said = {"regret": f"{missing} of {len(members)} not measured"}
-                        rows.append(row | empty | said)
+                        remark = {"regret": f"{missing} of {len(members)} not measured"}
+                        rows.append(row | empty | remark)
                     continue
                 both.append((scores, values))
-                brier = {"Brier": written(one.brier(members, values))}
+                brier = {"Brier": written(prediction.brier(members, values))}
                 rows.append(row | agreed(agreement(scores, values)) | brier)
             if len(both) > 1:
-                rows.append(who | {"list": "all lists"} | agreed(pooled(both)) | {"Brier": ""})
+                rows.append(pair | {"list": "all lists"} | agreed(pooled(both)) | {"Brier": ""})
     note = (
         "Two-sided permutation p-values. Regret: the return lost by taking the predicted best. All"
         " lists: means, with p by orders drawn for each list by itself. Brier: mean squared error"
@@ -179,11 +179,11 @@ def agreements(findings: StudyFindings) -> Table:
     return Table.of("agreement", "Agreement of predictions", rows, note)
 
 
-def agreed(found: Agreement) -> Row:
+def agreed(fit: Agreement) -> Row:
     """An agreement as a row's cells."""
-    hits = found.top_hits, found.bottom_hits
+    hits = fit.top_hits, fit.bottom_hits
     told = [
-        f"{one} of {found.lists}" if found.lists > 1 else "yes" if one else "no" for one in hits
+        f"{count} of {fit.lists}" if fit.lists > 1 else "yes" if count else "no" for count in hits
     ]
-    numbers = (written(found.tau), p_value(found.tau_p), written(found.rho), p_value(found.rho_p))
-    return dict(zip(_AGREEMENT, (*numbers, *told, written(found.regret)), strict=True))
+    numbers = (written(fit.tau), p_value(fit.tau_p), written(fit.rho), p_value(fit.rho_p))
+    return dict(zip(_AGREEMENT, (*numbers, *told, written(fit.regret)), strict=True))

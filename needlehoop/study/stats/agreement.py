@@ -58,7 +58,7 @@ def pooled(sides: Sequence[tuple[Mapping[str, float], Mapping[str, float]]]) -> 
     for predicted, measured in sides:
         # In one order, or the draws would differ from run to run.
         names = sorted(predicted)
-        both = (np.array([own[name] for name in names], float) for own in (predicted, measured))
+        both = (np.array([side[name] for name in names], float) for side in (predicted, measured))
         arrays.append((*both,))
     # Differences whose correlations are Kendall's tau-b and Spearman's rho (Daniels 1944).
     signs = [(np.sign(_differences(a)), np.sign(_differences(b))) for a, b in arrays]
@@ -93,9 +93,9 @@ def _correlate(sides: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[float, f
                      for seed, both in enumerate(kept)], axis=0)  # fmt: skip
     # A hair's slack: equal correlations may differ in the last bit.
     extreme = int((np.abs(drawn) >= abs(value) - 1e-9).sum())
-    # The order found counts as one of a sample, so its p is never zero.
-    own = 0 if every else 1
-    return value, (extreme + own) / (len(drawn) + own)
+    # The observed order counts as one of a sample, so its p is never zero.
+    observed = 0 if every else 1
+    return value, (extreme + observed) / (len(drawn) + observed)
 
 
 @cache
@@ -112,4 +112,4 @@ def _drawn(a: np.ndarray, b: np.ndarray, orders: np.ndarray) -> np.ndarray:
     # In parts, for the memory's sake.
     parts = np.array_split(orders, max(1, orders.size * len(a) // 1_000_000))
     moved = (a[part[:, :, None], part[:, None, :]] for part in parts)
-    return np.concatenate([np.einsum("kij,ij->k", one, b) for one in moved])
+    return np.concatenate([np.einsum("kij,ij->k", block, b) for block in moved])

@@ -42,22 +42,22 @@ class Result:
 
     @property
     def success(self) -> Estimated:
-        return rate(self.values(SUCCESS), [found.episodes for found in self.finals])
+        return rate(self.values(SUCCESS), [end.episodes for end in self.finals])
 
     @property
     def unfinished(self) -> int:
         """Runs whose final value is of an agent still in training."""
-        return sum(not found.finished for found in self.finals)
+        return sum(not end.finished for end in self.finals)
 
     def values(self, measure: str) -> list[float]:
         """A number of each run; empty where one run has no such number."""
-        known = [found.measures[measure] for found in self.finals if measure in found.measures]
+        known = [end.measures[measure] for end in self.finals if measure in end.measures]
         return known if len(known) == len(self.finals) else []
 
     def middle(self, measure: str) -> float | None:
         """Its interquartile mean over seeds; ``None`` where a run has no such number."""
-        own = self.values(measure)
-        return float(iqm(np.array(own))) if own else None
+        values = self.values(measure)
+        return float(iqm(np.array(values))) if values else None
 
 
 @dataclass(frozen=True)
@@ -102,32 +102,32 @@ class StudyFindings:
 
         Camera sets with a run that has no such number are left out.
         """
-        return {one.cameras: own for one in self.ranked if (own := one.values(measure))}
+        return {one.cameras: values for one in self.ranked if (values := one.values(measure))}
 
     @property
     def truths(self) -> dict[str, Mapping[str, float]]:
         """What predictions are held against: values by camera set, by what they are."""
-        found: dict[str, Mapping[str, float]] = {
-            name: {cameras: float(iqm(np.array(own))) for cameras, own in self.by_set(of).items()}
+        ours: dict[str, Mapping[str, float]] = {
+            name: {cams: float(iqm(np.array(values))) for cams, values in self.by_set(of).items()}
             for name, of in ((MEASURED, RETURN), (TRAINING, TRAINING))
         }
-        return found | ({PAPERS_MEASURED: paper.measured()} if self.is_papers else {})
+        return ours | ({PAPERS_MEASURED: paper.measured()} if self.is_papers else {})
 
     @property
     def rankings(self) -> list[Prediction]:
         """Predictions, then measurements."""
-        measured = (
-            scored(who, values, self.lists.values(), whole=who == PAPERS_MEASURED)
-            for who, values in self.truths.items()
+        truths = (
+            scored(name, values, self.lists.values(), whole=name == PAPERS_MEASURED)
+            for name, values in self.truths.items()
         )
-        return [*self.predictions, *(one for one in measured if one.lists or one.who != TRAINING)]
+        return [*self.predictions, *(one for one in truths if one.lists or one.source != TRAINING)]
 
     def predictions_of(self, truth: str) -> list[Prediction]:
         """Those that are held against one of ``truths``; the paper's returns against ours."""
         if not self.is_papers or truth == PAPERS_MEASURED:
             return [*self.predictions]
-        theirs = scored(PAPERS_MEASURED, paper.measured(), paper.lists().values())
-        return [*self.predictions, theirs]
+        published = scored(PAPERS_MEASURED, paper.measured(), paper.lists().values())
+        return [*self.predictions, published]
 
 
 def study_findings(folder: Path) -> StudyFindings:
@@ -143,14 +143,14 @@ def study_findings(folder: Path) -> StudyFindings:
             lists[f"list {len(lists) + 1}"] = [*ranking.places]
     foretold = predictions(answers, folder.resolve(), [*lists.values()], papers)
     groups = groupby(study.runs, key=lambda run: (run.place.cameras, run.place.reward))
-    results = [one for _, runs in groups if (one := result_of([*runs])) is not None]
-    results.sort(key=lambda one: (-one.value.value, one.cameras, one.reward))
+    results = [result for _, runs in groups if (result := result_of([*runs])) is not None]
+    results.sort(key=lambda result: (-result.value.value, result.cameras, result.reward))
     return StudyFindings(study, results, answers, lists, foretold, papers)
 
 
 def result_of(runs: Sequence[Record]) -> Result | None:
     """The result of runs with one camera set and one reward; ``None`` if none has a final value."""
-    known = [(run, found) for run in runs if (found := final(run)) is not None]
+    known = [(run, end) for run in runs if (end := final(run)) is not None]
     if not known:
         return None
     return Result(runs[0].place.cameras, runs[0].place.reward, *zip(*known, strict=True))

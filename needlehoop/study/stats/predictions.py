@@ -27,7 +27,7 @@ _PROBE, _FAST = "probe/ranking.csv", "fast"
 class Prediction:
     """Scores (higher is better) of the camera sets in each list that was ranked."""
 
-    who: str
+    source: str
     lists: Mapping[frozenset[str], Mapping[str, float]]
     sure: Mapping[frozenset[str], Sequence[tuple[str, str, float]]] = field(default_factory=dict)
     """Of pairs of a list's sets, the better one, the other, and the stated probability of that."""
@@ -52,53 +52,53 @@ class Prediction:
 def recorded_answers() -> list[Answers]:
     """What the models of the shipped recordings said, each under its recording's name."""
     folders = sorted(file.parent for file in RECORDINGS.glob("*/rankings.json"))
-    found = {folder.name: read_answers(folder) for folder in folders}
-    return [replace(one, source=name) for name, one in found.items() if one]
+    answers = {folder.name: read_answers(folder) for folder in folders}
+    return [replace(answer, source=name) for name, answer in answers.items() if answer]
 
 
 def predictions(
-    own: Answers | None, folder: Path, lists: Sequence[Iterable[str]], papers: bool
+    answers: Answers | None, folder: Path, lists: Sequence[Iterable[str]], papers: bool
 ) -> list[Prediction]:
     """Every prediction of the study in ``folder``, in the order of the columns that show them.
 
     Args:
-        own: of the study's own model.
+        answers: of the study's own model.
         lists: to cut scores of single sets into.
         papers: whether it has the paper's task and camera sets, which all others speak of.
     """
-    found = [said(paper.SOURCE, paper.answers())] if papers else []
+    rankings = [said(paper.SOURCE, paper.answers())] if papers else []
     for told in recorded_answers() if papers else ():
-        found += _said_by(told.source, told, RECORDINGS / told.source)
+        rankings += _said_by(told.source, told, RECORDINGS / told.source)
     # A study that replays a recording says nothing that is not there already.
-    mine = _said_by("VLM", own, folder / VLM)
-    found += [one for one in mine if all(one.lists != other.lists for other in found)]
+    by_model = _said_by("VLM", answers, folder / VLM)
+    rankings += [new for new in by_model if all(new.lists != old.lists for old in rankings)]
     if papers and (path := folder.parent / _PROBE).exists():
         scores = pd.read_csv(path).set_index("cameras")["score"].to_dict()
-        found.append(scored("probe", scores, lists))
+        rankings.append(scored("probe", scores, lists))
     if papers and folder.name != _FAST and (path := folder.parent / _FAST).is_dir():
-        found.append(scored("fast protocol", _returns(path), lists))
-    return [one for one in found if one.lists]
+        rankings.append(scored("fast protocol", _returns(path), lists))
+    return [ranking for ranking in rankings if ranking.lists]
 
 
-def _said_by(who: str, answers: Answers | None, folder: Path) -> list[Prediction]:
+def _said_by(source: str, answers: Answers | None, folder: Path) -> list[Prediction]:
     """A model's rankings, and those of the same model that were asked for in other ways."""
-    asked = {who: answers}
-    asked |= {f"{who}, {how}": read_answers(folder, name) for how, name in LESS.items()}
-    return [said(name, one) for name, one in asked.items() if one and one.rankings]
+    replies = {source: answers}
+    replies |= {f"{source}, {how}": read_answers(folder, name) for how, name in LESS.items()}
+    return [said(name, reply) for name, reply in replies.items() if reply and reply.rankings]
 
 
-def said(who: str, answers: Answers) -> Prediction:
+def said(source: str, answers: Answers) -> Prediction:
     """A model's orders as a prediction."""
-    orders = {frozenset(one.places): one for one in answers.rankings}
+    orders = {frozenset(order.places): order for order in answers.rankings}
     scores = {
-        members: {name: -place for name, place in one.places.items()}
-        for members, one in orders.items()
+        members: {name: -place for name, place in order.places.items()}
+        for members, order in orders.items()
     }
-    return Prediction(who, scores, {members: one.sure for members, one in orders.items()})
+    return Prediction(source, scores, {members: order.sure for members, order in orders.items()})
 
 
 def scored(
-    who: str, scores: Mapping[str, float], lists: Iterable[Iterable[str]], whole: bool = True
+    source: str, scores: Mapping[str, float], lists: Iterable[Iterable[str]], whole: bool = True
 ) -> Prediction:
     """Scores of single sets, list by list; higher is better.
 
@@ -106,7 +106,7 @@ def scored(
     """
     known = set(scores)
     chosen = [m for m in map(frozenset, lists) if (m <= known if whole else m & known)]
-    return Prediction(who, {m: {name: scores[name] for name in m & known} for m in chosen})
+    return Prediction(source, {m: {name: scores[name] for name in m & known} for m in chosen})
 
 
 def _returns(folder: Path) -> dict[str, float]:
@@ -117,4 +117,4 @@ def _returns(folder: Path) -> dict[str, float]:
         # Of a labelled run, other settings than its cameras may have decided.
         if end is not None and end.finished and run.config.get("label") is None:
             ends.setdefault(run.place.cameras, []).append(end.measures[RETURN])
-    return {cameras: float(iqm(np.array(own))) for cameras, own in ends.items()}
+    return {cameras: float(iqm(np.array(returns))) for cameras, returns in ends.items()}

@@ -1,4 +1,4 @@
-"""What one run comes to: its final value, its evaluations, and how far its training was when."""
+"""The numbers of one run: its final value, its evaluations, and its progress in training."""
 
 from __future__ import annotations
 
@@ -49,23 +49,23 @@ def final(run: Record) -> Final | None:
     rows, last = run.evaluations, run.evaluation
     newest = 0 if rows is None else int(max(rows["step"]))
     if last is not None and (run.finished or last["steps_trained"] >= newest):
-        said, finished = dict(last), run.finished
+        means, finished = dict(last), run.finished
     elif rows is not None:
         tail = rows[rows["step"] > newest * (1.0 - _TAIL)]
-        said = {name: np.average(tail[name], weights=tail["episodes"]) for name in tail}
-        said["episodes"], finished = np.sum(tail["episodes"]), False
+        means = {name: np.average(tail[name], weights=tail["episodes"]) for name in tail}
+        means["episodes"], finished = np.sum(tail["episodes"]), False
     else:
         return None
-    measures = {name: said[name] for name in run.task.columns} | {
-        RETURN: said["return"],
-        HUMAN_POINTS: said.get("return_human"),
+    measures = {name: means[name] for name in run.task.columns} | {
+        RETURN: means["return"],
+        HUMAN_POINTS: means.get("return_human"),
         TRAINING: _over_training(run, "return"),
         SUCCESS_OVER_TRAINING: _over_training(run, "success"),
     }
     if run.finished and rows is not None and last is not None:
         measures[BEST] = max(success for _, success in evaluations(run))
     known = {name: float(value) for name, value in measures.items() if value is not None}
-    return Final(known, int(said["episodes"]), finished)
+    return Final(known, int(means["episodes"]), finished)
 
 
 def evaluations(run: Record) -> list[tuple[int, float]]:
@@ -75,10 +75,10 @@ def evaluations(run: Record) -> list[tuple[int, float]]:
     gone on after it.
     """
     rows, last = run.evaluations, run.evaluation
-    found = [] if rows is None else [*zip(rows["step"], rows["success"], strict=True)]
+    pairs = [] if rows is None else [*zip(rows["step"], rows["success"], strict=True)]
     if last is not None:
-        found.append((last["steps_trained"], last["success"]))
-    return sorted((int(step), float(success)) for step, success in found)
+        pairs.append((last["steps_trained"], last["success"]))
+    return sorted((int(step), float(success)) for step, success in pairs)
 
 
 def has_curve(run: Record) -> bool:
@@ -102,7 +102,7 @@ def steps_to_share(run: Record, column: str, share: float) -> float | None:
     if run.metrics is None:
         return None
     means = run.metrics[column].rolling(BUFFERS, min_periods=1).mean().to_numpy()
-    # Before that, the mean is of too few episodes.
+    # Earlier means are of too few episodes.
     hits = np.flatnonzero(means[BUFFERS - 1 :] >= share)
     return float(run.metrics["step"].to_numpy()[BUFFERS - 1 + hits[0]]) if len(hits) else None
 

@@ -32,7 +32,7 @@ class Interval:
     low: float
     high: float
     over_episodes: bool = False
-    """What varies within it: the episodes of too few seeds; else the seeds."""
+    """Whether it is over the episodes of too few seeds; else it is over seeds."""
 
 
 @dataclass(frozen=True)
@@ -57,24 +57,24 @@ def iqm(values: np.ndarray, axis: int = 0) -> np.ndarray:
 
 def estimate(values: Sequence[float] | np.ndarray) -> Estimated:
     """The IQM over runs ``(n,)``; of fewer than ``FEW`` their mean, with Student's interval."""
-    own = np.asarray(values, dtype=float)
-    n, value = len(own), float(iqm(own))
+    sample = np.asarray(values, dtype=float)
+    n, value = len(sample), float(iqm(sample))
     if n < ENOUGH:
         return Estimated(value, None, n)
     if n < FEW:
-        half = float(scipy.stats.t.ppf(0.975, n - 1) * own.std(ddof=1) / np.sqrt(n))
+        half = float(scipy.stats.t.ppf(0.975, n - 1) * sample.std(ddof=1) / np.sqrt(n))
         return Estimated(value, Interval(value - half, value + half), n)
     picks = np.random.default_rng(0).integers(n, size=(_RESAMPLES, n))
-    low, high = np.percentile(iqm(own[picks], axis=1), (2.5, 97.5))
+    low, high = np.percentile(iqm(sample[picks], axis=1), (2.5, 97.5))
     return Estimated(value, Interval(float(low), float(high)), n)
 
 
 def share(shares: Sequence[float]) -> Estimated:
     """``estimate`` of shares, its interval cut at 0 and 1."""
-    found = estimate(shares)
-    if (ends := found.interval) is None:
-        return found
-    return replace(found, interval=Interval(max(ends.low, 0.0), min(ends.high, 1.0)))
+    estimated = estimate(shares)
+    if (ends := estimated.interval) is None:
+        return estimated
+    return replace(estimated, interval=Interval(max(ends.low, 0.0), min(ends.high, 1.0)))
 
 
 def rate(shares: Sequence[float], episodes: Sequence[int]) -> Estimated:
@@ -83,14 +83,14 @@ def rate(shares: Sequence[float], episodes: Sequence[int]) -> Estimated:
     With too few seeds, the interval is Wilson's over all their episodes, which says nothing of
     what another seed would give.
     """
-    found = share(shares)
-    if found.interval is not None:
-        return found
+    estimated = share(shares)
+    if estimated.interval is not None:
+        return estimated
     hits = round(sum(share * n for share, n in zip(shares, episodes, strict=True)))
     total = int(sum(episodes))
     wilson = scipy.stats.binomtest(hits, total).proportion_ci(method="wilson")
     ends = Interval(float(wilson.low), float(wilson.high), over_episodes=True)
-    return Estimated(hits / total, ends, found.seeds)
+    return Estimated(hits / total, ends, estimated.seeds)
 
 
 def difference(first: Estimated, second: Estimated) -> Estimated:

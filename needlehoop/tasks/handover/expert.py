@@ -24,7 +24,7 @@ class Expert:
 
     def __init__(self, layout: HandoverLayout, episode: HandoverRules):
         self.layout = layout
-        self.one, self.two = Script(layout.psm1, episode), Script(layout.psm2, episode)
+        self.script_1, self.script_2 = Script(layout.psm1, episode), Script(layout.psm2, episode)
 
     def __call__(self, s: Signals) -> Tensor:
         """Actions ``(n, 10)`` float64 for the signals of ``n`` environments."""
@@ -35,13 +35,13 @@ class Expert:
         hand = self.hand(s, 1)
         turn = blade_turn(hand, hand.quat)
         taken = s.grasped_2 & (s.psm2_jaw_command < self.layout.psm2.jaw_closed + 0.02)
-        carry = self.one.squeezed(s.meeting - s.needle_middle, hand)
+        carry = self.script_1.squeezed(s.meeting - s.needle_middle, hand)
         move = choose(s.grasped_1, carry, descend(hand, turn, _HOVER, askew=0.12))
         # It lets go before it moves.
         loose = taken & ~s.grasped_1 & (s.psm1_jaw > 0.6)
         away = choose(loose, _to(self.layout.psm1.tool_position, hand), torch.zeros_like(move))
-        jaw = self.one.jaw_to((s.grasped_1 | _is_near(hand)) & ~taken, hand)
-        return self.one.action(choose(taken, away, move), turn * ~(s.grasped_1 | taken), jaw)
+        jaw = self.script_1.jaw_to((s.grasped_1 | _is_near(hand)) & ~taken, hand)
+        return self.script_1.action(choose(taken, away, move), turn * ~(s.grasped_1 | taken), jaw)
 
     def _second(self, s: Signals) -> Tensor:
         """PSM 2 waits, takes the needle at the meeting place and keeps it there."""
@@ -50,10 +50,10 @@ class Expert:
         comes = self._comes(s)
         approach = descend(hand, turn, _HOVER, askew=0.12)
         free = choose(comes, approach, _to(self.layout.psm2.tool_position, hand))
-        keep = self.two.squeezed(s.meeting - s.needle_middle, hand)
+        keep = self.script_2.squeezed(s.meeting - s.needle_middle, hand)
         keep = choose(s.grasped_1, torch.zeros_like(keep), keep)
-        jaw = self.two.jaw_to(s.grasped_2 | (comes & _is_near(hand)), hand)
-        return self.two.action(choose(s.grasped_2, keep, free), turn * ~s.grasped_2, jaw)
+        jaw = self.script_2.jaw_to(s.grasped_2 | (comes & _is_near(hand)), hand)
+        return self.script_2.action(choose(s.grasped_2, keep, free), turn * ~s.grasped_2, jaw)
 
     def _comes(self, s: Signals) -> Tensor:
         """Whether PSM 2 comes for the needle ``(n,)``."""
@@ -62,14 +62,14 @@ class Expert:
 
     def hand(self, s: Signals, arm: int) -> SimpleNamespace:
         """An arm's tool, its pickup point and the needle's frame there."""
-        own = {
+        tool = {
             name: getattr(s, f"psm{arm}_{name}")
             for name in ("tool_midpoint", "tool_quat", "jaw", "jaw_command")
         }
         # Further along the arc the frame is turned clockwise.
         turn = geo.about_z(torch.full_like(s.elapsed, -self.layout.thirds[arm - 1]))
         quat = geo.multiply(s.needle_quat, turn)
-        return SimpleNamespace(**own, pickup_point=getattr(s, f"pickup_{arm}"), quat=quat)
+        return SimpleNamespace(**tool, pickup_point=getattr(s, f"pickup_{arm}"), quat=quat)
 
 
 _FUNNEL, _HELD_UP = Funnel(), Funnel(height=(0.005, 0.0015))
@@ -90,31 +90,31 @@ class Smooth(Expert):
         leave = _to(self.layout.psm1.tool_position, hand)
         # The wider the jaws are open, the faster.
         leave = leave * ramp(s.psm1_jaw, 0.5, 0.9).unsqueeze(-1)
-        free = torch.lerp(_FUNNEL.approach(self.one, hand), leave, high.unsqueeze(-1))
+        free = torch.lerp(_FUNNEL.approach(self.script_1, hand), leave, high.unsqueeze(-1))
         carry = s.meeting - s.needle_middle
         # Straight up and slowly until the needle is off the table.
-        off, most = self.one.slowly(height - self.layout.needle_thickness / 2)
+        off, most = self.script_1.slowly(height - self.layout.needle_thickness / 2)
         carry[:, :2] *= off.unsqueeze(-1)
         carry[:, 2] = torch.minimum(carry[:, 2], most)
         carry = choose(s.grasped_2, torch.zeros_like(carry), carry)
         near = _FUNNEL.near(hand) * (1.0 - high)
         shut = torch.where(s.grasped_1, 1.0 - s.grasped_2.double(), near)
         turn = blade_turn(hand, hand.quat) * (~s.grasped_1 * (1.0 - high))
-        return self.one.action(choose(s.grasped_1, carry, free), turn, 1.0 - 2.0 * shut)
+        return self.script_1.action(choose(s.grasped_1, carry, free), turn, 1.0 - 2.0 * shut)
 
     def _second(self, s: Signals) -> Tensor:
         hand = self.hand(s, 2)
         comes = ramp(s.needle_middle[:, 2], _LOW, _HIGH)
-        # Jaws that look open: it has nothing to lift.
+        # As if the jaws were open: they have nothing to lift.
         still = SimpleNamespace(**{**vars(hand), "jaw": torch.full_like(hand.jaw, 1.3)})
         wait = _to(self.layout.psm2.tool_position, hand)
-        free = torch.lerp(wait, _HELD_UP.approach(self.two, still), comes.unsqueeze(-1))
+        free = torch.lerp(wait, _HELD_UP.approach(self.script_2, still), comes.unsqueeze(-1))
         keep = s.meeting - s.needle_middle
         keep = choose(s.grasped_1, torch.zeros_like(keep), keep)
         near = _HELD_UP.near(hand) * comes
         shut = torch.where(s.grasped_2, torch.ones_like(near), near)
         turn = blade_turn(hand, hand.quat) * ~s.grasped_2
-        return self.two.action(choose(s.grasped_2, keep, free), turn, 1.0 - 2.0 * shut)
+        return self.script_2.action(choose(s.grasped_2, keep, free), turn, 1.0 - 2.0 * shut)
 
 
 class Cheat(Expert):
@@ -122,7 +122,7 @@ class Cheat(Expert):
 
     def _first(self, s: Signals) -> Tensor:
         still = torch.zeros_like(s.psm1_tool_midpoint)
-        return self.one.action(still, still[:, 0], still[:, 0])
+        return self.script_1.action(still, still[:, 0], still[:, 0])
 
     def _comes(self, s: Signals) -> Tensor:
         return torch.ones_like(s.grasped_1)

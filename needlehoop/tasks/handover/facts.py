@@ -45,8 +45,8 @@ def observe(
     curve = centre_line(layout, *place)
     held, welds = [], {}
     for name, before in (("psm1", "grasped_1"), ("psm2", "grasped_2")):
-        own = {**of_arm(name, memory), "grasped": memory[before]}
-        now, welds[name] = hold(rules, own, of_arm(name, readings), curve, *place)
+        arm_memory = {**of_arm(name, memory), "grasped": memory[before]}
+        now, welds[name] = hold(rules, arm_memory, of_arm(name, readings), curve, *place)
         held.append(now)
     first, second = held
     lowest = curve[..., 2].amin(1) - layout.needle_thickness / 2

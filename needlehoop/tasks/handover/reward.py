@@ -81,6 +81,6 @@ class Human:
 
 def _away(s: Signals, arm: int) -> Tensor:
     """Distance of an arm's pickup point from the gap between its blades ``(n,)``, m."""
-    own = f"psm{arm}_wrist_pos", f"psm{arm}_tool_quat", f"psm{arm}_jaw", f"pickup_{arm}"
-    wrist, quat, jaw, pickup = (getattr(s, name) for name in own)
+    names = f"psm{arm}_wrist_pos", f"psm{arm}_tool_quat", f"psm{arm}_jaw", f"pickup_{arm}"
+    wrist, quat, jaw, pickup = (getattr(s, name) for name in names)
     return outside_jaws(wrist, quat, jaw, pickup.unsqueeze(1)).squeeze(1)

@@ -80,8 +80,8 @@ class Smooth(Expert):
         """Lift; then the tip before the opening, and through it as far as it is aimed."""
         depth, radial, aside = _place_of_tip(s)
         aimed = ramp(aside / self.layout.hoop_opening, _ASTRAY, _AIMED)
-        wanted = -_STANDOFF + aimed * (self.past() + _STANDOFF)
-        insert = (wanted - depth) * s.hoop_axis - radial
+        target_depth = -_STANDOFF + aimed * (self.past() + _STANDOFF)
+        insert = (target_depth - depth) * s.hoop_axis - radial
         # Straight up and slowly until the needle is off the table.
         lift = s.lift_position - s.pickup_point
         off, most = self.slowly(s.pickup_point[:, 2] - self.layout.needle_thickness / 2)

@@ -251,7 +251,7 @@ def start(layout: PegLayout, chance: Chance) -> Start:
     """Draw the block's peg and the marked one; scatter board, block and tool."""
     starts, goals = torch.tensor(layout.starts), torch.tensor(layout.goals)
     begins = starts[(chance.number() * len(starts)).long()]
-    # Of the goals that are left: those at and behind the block's peg are counted one further.
+    # Indices among the goals that are left: from the block's peg on they are one further.
     taken = (goals == begins.unsqueeze(-1)).long()
     pick = (chance.number() * (len(goals) - taken.sum(-1))).long()
     marked = goals[pick + taken.cumsum(-1)[torch.arange(len(pick)), pick]]
@@ -275,8 +275,8 @@ def place(
     places = torch.tensor(layout.pegs, dtype=torch.float64)
     # The other pegs take the places that are left, in their order.
     left = torch.arange(PEGS - 1)
-    others = left + (left >= marked.unsqueeze(-1))
-    pegs = {"marked": marked, **dict(zip(OTHER_PEGS, others.unbind(-1), strict=True))}
+    indices = left + (left >= marked.unsqueeze(-1))
+    pegs = {"marked": marked, **dict(zip(OTHER_PEGS, indices.unbind(-1), strict=True))}
     mocap = {name: torch.cat((places[at] + shift, flat), -1) for name, at in pegs.items()}
     mocap["board"] = torch.cat((shift, flat), -1)
     mocap["lift_position"] = torch.cat((block[:, :2], flat + layout.carried), -1)
