@@ -199,8 +199,8 @@ def _predictions() -> pd.DataFrame:
         rankings = [*study(name).predictions_of(truth), imitated]
         for source, lists in predicted(rankings).items():
             tau, p, lost = held(source, lists, measured)
-            told = (written(tau), "" if p is None else f"p {p_value(p)}", f"loses {lost:.2f}")
-            cells.setdefault(source, {})[column] = ", ".join(filter(None, told))
+            texts = (written(tau), "" if p is None else f"p {p_value(p)}", f"loses {lost:.2f}")
+            cells.setdefault(source, {})[column] = ", ".join(filter(None, texts))
     ordered = [source for source in cells if source not in (RULE, RANDOM)] + [RULE, RANDOM]
     rows = [
         {"prediction": source} | {column: cells[source].get(column, "") for column in _MEASURED}

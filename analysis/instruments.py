@@ -75,8 +75,8 @@ def questions_table(runs: pd.DataFrame) -> pd.DataFrame:
         )
         row = {"question": f"{question} (`{views}` less `front+side`)"}
         row |= {f"{RENDERINGS[name]}, points (95 %)": _points(gain) for name, gain in gains.items()}
-        told = _verdict(enough >= 2, *gains.values())
-        rows.append(row | {"all, points (95 %)": "", "verdict": told})
+        verdict = _verdict(enough >= 2, *gains.values())
+        rows.append(row | {"all, points (95 %)": "", "verdict": verdict})
     pair, alone = (
         {name: _successes(runs, views, name) for name in RENDERINGS}
         for views in ("ecm_left+wrist", "ecm_left")
@@ -88,8 +88,8 @@ def questions_table(runs: pd.DataFrame) -> pd.DataFrame:
         for name in RENDERINGS
     }
     adds = pooled.interval is not None and pooled.interval.low > 0
-    told = _verdict(adds, pooled)
-    rows.append(row | {"all, points (95 %)": _points(pooled), "verdict": told})
+    verdict = _verdict(adds, pooled)
+    rows.append(row | {"all, points (95 %)": _points(pooled), "verdict": verdict})
     return pd.DataFrame(rows)
 
 

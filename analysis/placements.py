@@ -118,8 +118,8 @@ def predictions_table(scores: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
     blind = {"prediction": "picked at random",
              "regret, points": percent(float(success.max() - success.mean()))}  # fmt: skip
     rows = pd.DataFrame([*correlations(scores, runs), blind]).fillna("")
-    told = percent(float(np.mean(above)))
-    rows["above the best rule, %"] = [told if name == MODEL else "" for name in rows["prediction"]]
+    share = percent(float(np.mean(above)))
+    rows["above the best rule, %"] = [share if name == MODEL else "" for name in rows["prediction"]]
     return rows
 
 
@@ -130,7 +130,7 @@ def places_table(runs: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for name in means(runs):
         group, views = runs[runs["cameras"] == name], [_place_of(cam) for cam in name.split("+")]
-        told = {f"place by {source}": str(places.loc[name, source])
+        placed = {f"place by {source}": str(places.loc[name, source])
                 for source in (MODEL, PIXELS, HIDDEN, ELEVATION)}  # fmt: skip
         rows.append(
             {
@@ -139,7 +139,7 @@ def places_table(runs: pd.DataFrame) -> pd.DataFrame:
                 "elevation, °": written([view.elevation for view in views], ".0f"),
                 "threaded by seed, %": percent(group["success"].tolist()),
                 "sampled, %": percent(float(np.mean(group["sampled"]))),
-                **told,
+                **placed,
             }
         )
     return pd.DataFrame(rows)

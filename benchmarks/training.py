@@ -32,10 +32,10 @@ def measure(jobs: list[Job], rounds: int) -> tuple[list[list[float]], list[float
     learning = [0.0 for _ in jobs]
     for turn in range(rounds + 1):
         for number, buffers in enumerate(turns):
-            _, told = next(buffers)
+            _, losses = next(buffers)
             if turn:
-                spent[number].append(told["seconds_collect"] + told["seconds_update"])
-                learning[number] += told["seconds_update"]
+                spent[number].append(losses["seconds_collect"] + losses["seconds_update"])
+                learning[number] += losses["seconds_update"]
     for learner in learners:
         learner.close()
     rates = [[job.buffer / s for s in seconds] for job, seconds in zip(jobs, spent, strict=True)]

@@ -97,8 +97,8 @@ def best(path: Path) -> tuple[dict[str, Any], str] | None:
         return None
     with safe_open(path, framework="pt") as file:
         noted = json.loads(file.metadata()["evaluation"])
-    told = {name: value for name, value in noted.items() if name not in CLOCKS}
-    return {name: one.tolist() for name, one in load_file(path).items()}, json.dumps(told)
+    metrics = {name: value for name, value in noted.items() if name not in CLOCKS}
+    return {name: one.tolist() for name, one in load_file(path).items()}, json.dumps(metrics)
 
 
 def table(path: Path) -> list[dict[str, str]]:

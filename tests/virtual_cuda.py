@@ -155,7 +155,7 @@ def virtual_cuda() -> Iterator[None]:
     def parameter(cls: type, data: Any = None, requires_grad: bool = True) -> nn.Parameter:
         return put(made(cls, data, requires_grad), data is not None and is_there(data))
 
-    told: dict[str, Any] = {
+    answers: dict[str, Any] = {
         "is_available": lambda: True,
         "device_count": lambda: 1,
         "current_device": lambda: 0,
@@ -167,7 +167,7 @@ def virtual_cuda() -> Iterator[None]:
         "set_rng_state": lambda *_: None,
     }
     with pytest.MonkeyPatch.context() as patch:
-        for name, answer in told.items():
+        for name, answer in answers.items():
             patch.setattr(torch.cuda, name, answer)
         patch.setattr(nn.Parameter, "__new__", parameter)
         with _VirtualCuda():

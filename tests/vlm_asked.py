@@ -70,9 +70,9 @@ def everything_said(settings: Settings, folder: Path) -> list[Request]:
     seen = replace(settings, cams=("dep_front", "seg_side"))
     for pictures in (None, shown):
         begin().ask(reward_prompt(seen, RULES, pictures), ProgramAnswer)
-    for told in ("full", "names", "nothing"):
-        scene = description.scene(settings, told)
-        order(begin(), sets, opening(settings, shown, sets, told, scene))
+    for detail in ("full", "names", "nothing"):
+        scene = description.scene(settings, detail)
+        order(begin(), sets, opening(settings, shown, sets, detail, scene))
     for pictures in (None, shown):
         begin().ask(reward_prompt(seen, RULES, pictures, "names"), ProgramAnswer)
     conversation = begin()

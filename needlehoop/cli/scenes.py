@@ -56,8 +56,8 @@ def tasks(options: argparse.Namespace) -> None:
         print(f"{name}: {task.summary}")
         for fact in task.facts:
             row = task.signals[fact.name]
-            told = " (kept from reward writers)" if row.source == "verdict" else ""
-            print(f"  fact        {fact.name}: {row.meaning}{told}")
+            kept = " (kept from reward writers)" if row.source == "verdict" else ""
+            print(f"  fact        {fact.name}: {row.meaning}{kept}")
         print(f"  phases      {', then '.join(f'{p.name} until {p.ends}' for p in task.phases)}")
         print(f"  controllers {', '.join(task.controllers)}; {task.teacher} is imitated")
         print(f"  variants    {', '.join(variants(name, [CONF, *folders]))}")

@@ -39,9 +39,9 @@ class Demonstration:
     """One episode of ``t`` steps; observations have a row more: the one after the last step.
 
     ``images`` ``(t + 1, h, w, c)`` uint8 by camera; ``vectors`` ``(t + 1, k)`` float32:
-    ``proprio`` always, ``signals`` and ``told`` where the settings ask for them; ``actions``
-    ``(t, k)`` float32, as they were carried out; ``rewards`` ``(t,)`` float32. It ends by success
-    (``episode.success``) or by its time limit.
+    ``proprio`` always, ``signals`` and ``privileged_facts`` where the settings ask for them;
+    ``actions`` ``(t, k)`` float32, as they were carried out; ``rewards`` ``(t,)`` float32. It ends
+    by success (``episode.success``) or by its time limit.
     """
 
     images: dict[str, np.ndarray]

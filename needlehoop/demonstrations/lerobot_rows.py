@@ -65,10 +65,10 @@ def features(
     """What ``meta/info.json`` says of each film, by its depths, and of each column."""
     entries: dict[str, Any] = {}
     for key, span in films.items():
-        told = description(settings.image_size, rate, span)
+        info = description(settings.image_size, rate, span)
         names = ["height", "width", "channels"]
-        shape = [told[f"video.{name}"] for name in names]
-        entries[key] = {"dtype": "video", "shape": shape, "names": names, "info": told}
+        shape = [info[f"video.{name}"] for name in names]
+        entries[key] = {"dtype": "video", "shape": shape, "names": names, "info": info}
     task = settings.definition
     names = {"observation.state": proprio_names(task)}
     if action := task.robot.actions.get(settings.episode.control):
@@ -114,5 +114,5 @@ def spread(values: np.ndarray) -> dict[str, Any]:
             rows = rows / 255.0
     statistics = {name: getattr(rows, name)(0) for name in ("min", "max", "mean", "std")}
     statistics |= {name: np.quantile(rows, share, axis=0) for name, share in _QUANTILES.items()}
-    told = {name: row.reshape(shape).tolist() for name, row in statistics.items()}
-    return {**told, "count": [len(values)]}
+    lists = {name: row.reshape(shape).tolist() for name, row in statistics.items()}
+    return {**lists, "count": [len(values)]}

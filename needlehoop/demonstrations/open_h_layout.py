@@ -134,8 +134,8 @@ def _made(path: Path) -> Path:
 
 def _readme(info: Mapping[str, Any], settings: Settings, demonstrator: str) -> str:
     """Open-H's page on a dataset, as far as we can fill it."""
-    told = {key: feature for key, feature in info["features"].items() if feature["names"]}
-    cameras = [key for key, feature in told.items() if feature["dtype"] == "video"]
+    named = {key: feature for key, feature in info["features"].items() if feature["names"]}
+    cameras = [key for key, feature in named.items() if feature["dtype"] == "video"]
     task, (width, height) = settings.definition, sides(settings.image_size)
     words = task.telling.values(settings.task, settings.episode) if task.telling else {}
     values = {
@@ -148,8 +148,8 @@ def _readme(info: Mapping[str, Any], settings: Settings, demonstrator: str) -> s
         "robot": info["robot_type"],
         "tool": task.robot.tool or "none",
         "rate": info["fps"],
-        "action": ", ".join(told["action"]["names"]) if "action" in told else "TO FILL",
+        "action": ", ".join(named["action"]["names"]) if "action" in named else "TO FILL",
         "control": words.get("control", "moves the robot: TO FILL"),
-        "state": ", ".join(told["observation.state"]["names"]),
+        "state": ", ".join(named["observation.state"]["names"]),
     }
     return Template((Path(__file__).parent / "open_h_readme.txt").read_text()).substitute(values)

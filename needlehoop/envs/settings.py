@@ -30,14 +30,14 @@ class Observations:
     """The whole state, for agents without cameras."""
     frame_stack: Annotated[int, Range(1, 64)]
     """Frames per image, the newest last."""
-    told: Names
+    privileged_facts: Names
     """Facts that one image need not show, in the order in which they are reported."""
 
 
 def sources(task: Task, obs: Observations) -> dict[str, tuple[str, ...]]:
     """The signals of each observed vector, in the order in which an agent reads the vectors."""
     proprio, state = task.robot.proprio * obs.proprio, task.state * obs.signals
-    names = {"proprio": proprio, "signals": state, "told": obs.told}
+    names = {"proprio": proprio, "signals": state, "privileged_facts": obs.privileged_facts}
     return {name: signals for name, signals in names.items() if signals}
 
 
@@ -67,7 +67,7 @@ class Settings:
     """None by default, as in runs in results/ from before there were any."""
 
     def __post_init__(self) -> None:
-        check_names("obs.told", self.obs.told, self.definition.told)
+        check_names("obs.privileged_facts", self.obs.privileged_facts, self.definition.agent_facts)
         parse_cameras(self.cams, self.views, self.renderings)
         rewards.check(self.reward, self.definition)
         amounts = self.disturb.amounts

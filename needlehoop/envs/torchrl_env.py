@@ -22,10 +22,10 @@ class TorchRLEnv(EnvBase):
     """``num_envs`` environments in lockstep, batch size ``(num_envs,)``.
 
     Keys: ``("pixels", <camera>)`` uint8 ``(n, frame_stack * channels, h, w)``; optionally
-    ``proprio`` float32 ``(n, 8)`` (six joints, jaw, jaw command), ``signals`` and ``told``
-    float32; for logging ``("facts", <name>)`` bool, ``("terms", <name>)`` and ``potential``
-    float32 and ``steps`` int64, all ``(n, 1)``. ``action`` float32 ``(n, 5)`` in [-1, 1],
-    ``(n, 7)`` with ``control=pose``. Success terminates; the time limit truncates.
+    ``proprio`` float32 ``(n, 8)`` (six joints, jaw, jaw command), ``signals`` and
+    ``privileged_facts`` float32; for logging ``("facts", <name>)`` bool, ``("terms", <name>)``
+    and ``potential`` float32 and ``steps`` int64, all ``(n, 1)``. ``action`` float32 ``(n, 5)``
+    in [-1, 1], ``(n, 7)`` with ``control=pose``. Success terminates; the time limit truncates.
 
     ``state_dict`` and ``load_state_dict`` carry a run on, bit for bit, in another process.
 

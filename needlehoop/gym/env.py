@@ -21,7 +21,7 @@ class GymnasiumEnv(gymnasium.Env):
     """One environment; observations are a ``Dict``.
 
     By camera: uint8 ``(h, w, frame_stack * channels)``, or channels first; ``proprio`` float32
-    ``(8,)``, ``signals`` float32 ``(29,)`` and ``told`` where asked for. Actions:
+    ``(8,)``, ``signals`` float32 ``(29,)`` and ``privileged_facts`` where asked for. Actions:
     ``Box(-1, 1)``, five numbers (seven with ``control=pose``). ``info``: ``facts`` and
     ``terms`` by name, ``success`` (what ``episode.success`` says it is), ``cheat``,
     ``potential``, ``steps``. Success terminates; the time limit truncates.

@@ -92,7 +92,7 @@ class GymnasiumVectorEnv(VectorEnv):
             shape = (height, width, count) if self._is_last else (count, height, width)
             boxes[name] = spaces.Box(0, 255, shape, np.uint8)
         for name, length in settings.vectors.items():
-            low, high = (0.0, 1.0) if name == "told" else (-np.inf, np.inf)
+            low, high = (0.0, 1.0) if name == "privileged_facts" else (-np.inf, np.inf)
             boxes[name] = spaces.Box(low, high, (length,), np.float32)
         return spaces.Dict(boxes)
 

@@ -100,9 +100,9 @@ class Job:
 
     def __post_init__(self) -> None:
         check_names("logger", self.logger, ("csv", "tensorboard", "wandb"))
-        told = self.algo.network.told
-        if told is not None:
-            check_names("algo.network.told", told, self.env.definition.all_facts)
+        facts = self.algo.network.privileged_facts
+        if facts is not None:
+            check_names("algo.network.privileged_facts", facts, self.env.definition.all_facts)
         if not self.env.cams and not self.env.obs.signals:
             raise ValueError(
                 "cams: an agent needs at least one camera, such as cams=dep_front,seg_side"
@@ -141,12 +141,14 @@ class Job:
     def spec(self) -> PolicySpec:
         """What its policy sees and does."""
         env, rules, network = self.env, self.env.episode, self.algo.network
+        if network.privileged_facts is None:
+            network = replace(network, privileged_facts=env.definition.critic)
         return PolicySpec(
             env.image_channels,
             env.image_size,
             env.vectors,
             self.encoder,
-            network if network.told is not None else replace(network, told=env.definition.critic),
+            network,
             rules.control,
             rules.action_size,
             self.precision,

@@ -26,8 +26,8 @@ class HeadConfig:
     """Standard deviation of the first policy, in units of the action (1: its whole range)."""
     shared: bool
     """Whether the value function reads the policy's trunk; otherwise it has one of its own."""
-    told: Names | None
-    """Privileged facts: the value function reads them and the policy does not; ``None``: the
+    privileged_facts: Names | None
+    """The value function reads them and the policy does not; ``None``: the
     task's choice."""
     squash: bool = False
     """Whether a tanh keeps actions within their range."""
@@ -208,7 +208,9 @@ class Agent(nn.Module):
         self.actor = Actor(spec, trunk)
         self.seen_keys = spec.keys
         """What the policy reads of an environment that folds its images."""
-        self.privileged_keys: list[Any] = [("facts", name) for name in spec.network.told or ()]
+        self.privileged_keys: list[Any] = [
+            ("facts", name) for name in spec.network.privileged_facts or ()
+        ]
         """Facts that only the value function reads."""
         self.in_keys = [*self.seen_keys, *self.privileged_keys]
 

@@ -129,11 +129,11 @@ def _opened(path: Path) -> Iterator[Any]:
 class Policy:
     """``policy(observation)``: the mean action, in [-1, 1]; ``origin``: which it is, in words.
 
-    An observation maps the run's cameras, and ``proprio``, ``signals`` and ``told`` where it
-    had them, to numpy arrays or torch tensors with any leading dimensions. Images are uint8:
-    ``(..., h, w, c)`` as from Gymnasium and dm_control, or ``(..., c, h, w)`` as from TorchRL,
-    whose TensorDict may be given as it is. The action ``(..., action_size)`` is float32: numpy
-    for numpy, torch for torch.
+    An observation maps the run's cameras, and ``proprio``, ``signals`` and ``privileged_facts``
+    where it had them, to numpy arrays or torch tensors with any leading dimensions. Images are
+    uint8: ``(..., h, w, c)`` as from Gymnasium and dm_control, or ``(..., c, h, w)`` as from
+    TorchRL, whose TensorDict may be given as it is. The action ``(..., action_size)`` is float32:
+    numpy for numpy, torch for torch.
     """
 
     def __init__(self, spec: PolicySpec, actor: Actor, origin: str):
@@ -198,8 +198,8 @@ def onnx_bytes(spec: PolicySpec, actor: Actor) -> bytes:
     """The content of an ONNX file of a policy on the CPU, in ``PRECISION``. Extra ``onnx``.
 
     Its inputs are the run's cameras, uint8 ``(n, c, h, w)``, then ``proprio``, ``signals``
-    and ``told`` where it had them, float32 ``(n, length)``; its output is ``action``, float32
-    ``(n, action_size)``. Under ``needlehoop`` its metadata have the run's environment.
+    and ``privileged_facts`` where it had them, float32 ``(n, length)``; its output is ``action``,
+    float32 ``(n, action_size)``. Under ``needlehoop`` its metadata have the run's environment.
     """
     try:
         import_module("onnxscript")

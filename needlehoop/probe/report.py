@@ -72,10 +72,10 @@ def agreements(results: ProbeResults) -> pd.DataFrame:
         measured, lists = paper.measured(), paper.lists()
         for name, members in {**lists, "all": [*measured]}.items():
             sides.append((name, PAPERS_MEASURED, scores, {one: measured[one] for one in members}))
-        told = said(paper.SOURCE, paper.answers())
+        paper_answers = said(paper.SOURCE, paper.answers())
         sides += [
-            (name, told.source, scores, order)
-            for name, order in zip(lists, told.lists.values(), strict=True)
+            (name, paper_answers.source, scores, order)
+            for name, order in zip(lists, paper_answers.lists.values(), strict=True)
         ]
     by_seed = {name: results.scores_by_seed(name) for name in scores}
     for pair in combinations(range(results.seeds), 2):

@@ -85,14 +85,14 @@ def visibility(settings: Settings) -> dict[str, dict[str, Shown]]:
 
 
 class _Bar:
-    """Stands in for tqdm's bar; ``told`` gets the share that is done, and may raise to stop."""
+    """Stands in for tqdm's bar; ``progress`` gets the share that is done, and may raise to stop."""
 
-    def __init__(self, total: int, told: Callable[[float], None]):
-        self._total, self._done, self._told = total, 0, told
+    def __init__(self, total: int, progress: Callable[[float], None]):
+        self._total, self._done, self._progress = total, 0, progress
 
     def update(self, more: int = 1) -> None:
         self._done += more
-        self._told(self._done / self._total)
+        self._progress(self._done / self._total)
 
     def set_description(self, _: str) -> None:
         self.update(0)
@@ -101,12 +101,12 @@ class _Bar:
 def probe_scores(
     settings: Settings,
     cams: tuple[str, ...],
-    told: Callable[[float], None],
+    progress: Callable[[float], None],
     **changes: Any,
 ) -> dict[str, float]:
     """The probe's score of each camera, and of all together, the best first; takes minutes.
 
-    ``told`` is called with the share of the work that is done. ``changes`` are to the plan of
+    ``progress`` is called with the share of the work that is done. ``changes`` are to the plan of
     ``conf/probe.yaml``, such as ``episodes`` or ``fit``.
     """
     sets = tuple((name,) for name in cams) + ((cams,) if len(cams) > 1 else ())
@@ -117,7 +117,7 @@ def probe_scores(
     plan = as_type(plan_values, Plan)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        measuring.probe(plan, folder, lambda total, **_: nullcontext(_Bar(total, told)))
+        measuring.probe(plan, folder, lambda total, **_: nullcontext(_Bar(total, progress)))
         results = load(folder, quantities(settings.definition))
     return {name: results.score(name).value for name in results.ranked}
 
@@ -136,8 +136,8 @@ def ranking_question(
         raise ValueError("cams: there is nothing to rank; show two views or more")
     env = replace(settings, num_envs=1, cams=(), disturb=Disturb())
     stands = {name: view.given for name, view in env.views.items()}
-    told = json.dumps([cams, stands, env.seed, str(env.task)], sort_keys=True)
-    study = f"studio_{hashlib.sha256(told.encode()).hexdigest()[:12]}"
+    identity = json.dumps([cams, stands, env.seed, str(env.task)], sort_keys=True)
+    study = f"studio_{hashlib.sha256(identity.encode()).hexdigest()[:12]}"
     values = composing.compose((), "vlm_rank") | {"results": results, "study": study}
     config = as_type(values, InquiryConfig)
     lists = as_type({**values, "sets": (cams,), "group": max(5, len(cams))}, Lists)

@@ -271,13 +271,13 @@ class Page:
         self.pixels.content = _table(("camera", "thing", "pixels", "hidden"), rows)
 
     def probe(self) -> None:
-        def told(share: float) -> None:
+        def progress(share: float) -> None:
             if self._is_closed:
                 raise RuntimeError("the page was closed while it judged")
             self._progress.value = 100.0 * share
 
         with self._judged() as shown:
-            scores = judging.probe_scores(*shown, told)
+            scores = judging.probe_scores(*shown, progress)
         rows = [(name, f"{score:.3f}") for name, score in scores.items()]
         self._scores.content = _table(("cameras", "score"), rows)
 

@@ -216,7 +216,7 @@ class Task:
     cheating: str = "cheating"
     """What the controller ``cheat`` does, in a few words; not for prompts."""
     critic: Sequence[str] = ()
-    """Facts that the value function is told by default."""
+    """Facts that the value function reads by default."""
     telling: Telling | None = None
     """``None``: no model can be asked about it."""
 
@@ -257,8 +257,8 @@ class Task:
         return {**self.classes, "robot": FlatClass((self.robot.body,), (0, 140, 255))}
 
     @property
-    def told(self) -> tuple[str, ...]:
-        """Facts that an agent may be told: all but the verdicts."""
+    def agent_facts(self) -> tuple[str, ...]:
+        """Facts that an agent may observe: all but the verdicts."""
         return tuple(n for n, row in self.signals.items() if row.source == "fact")
 
     @property

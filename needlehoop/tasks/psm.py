@@ -44,8 +44,8 @@ def _table(things: Mapping[str, Signal], held: str | None) -> dict[str, Signal]:
         for side, word in ((1, "first"), (2, "second"))
         if held
     }
-    told = command("rad", "commanded angle between the jaws")
-    return {**_TOOL_SIGNALS, **things, **JOINT_SIGNALS, **touches, "jaw_command": told}
+    jaw_command = command("rad", "commanded angle between the jaws")
+    return {**_TOOL_SIGNALS, **things, **JOINT_SIGNALS, **touches, "jaw_command": jaw_command}
 
 
 def tool_start(layout: Arm, chance: Chance) -> dict[str, Tensor]:

@@ -94,7 +94,7 @@ class ReplayConfig:
 
     kind: str
     recording: str | None
-    told: PromptDetail = "full"
+    prompt_detail: PromptDetail = "full"
 
     def folder(self, study: Path) -> Path:
         """The folder of the answers; ``study`` is the study's own."""
@@ -118,7 +118,7 @@ class LiveConfig:
     timeout: Annotated[float, Range(0.0, 86_400.0, above=True)]
     """Seconds."""
     tries: Annotated[int, Range(1, 1000)]
-    told: PromptDetail = "full"
+    prompt_detail: PromptDetail = "full"
 
     def __post_init__(self) -> None:
         if self.key is not None and not re.fullmatch(r"[A-Z][A-Z0-9_]{1,60}", self.key):
@@ -150,7 +150,7 @@ class ManualConfig:
     model: str
     wait: Annotated[float, Range(0.0, 1e9)] | None
     poll: Annotated[float, Range(0.0, 86_400.0, above=True)]
-    told: PromptDetail = "full"
+    prompt_detail: PromptDetail = "full"
 
 
 VlmConfig = ReplayConfig | LiveConfig | ManualConfig

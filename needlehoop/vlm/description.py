@@ -129,11 +129,11 @@ def cameras(settings: Settings, renderings: Sequence[str]) -> str:
     """All views, the given renderings, and how cameras are named."""
     views, task, size = settings.views, settings.definition, settings.image_size
     kinds, telling = settings.renderings, telling_of(task)
-    told = {name: rendering(kinds[name], telling, views) for name in renderings}
+    explained = {name: rendering(kinds[name], telling, views) for name in renderings}
     return fill(
         "cameras",
         views=bullets({name: view(camera, task, size) for name, camera in views.items()}),
-        renderings=bullets(told),
+        renderings=bullets(explained),
         example=f"{renderings[0]}_{next(iter(views))}",
         pixels=extent(size),
     )

@@ -36,7 +36,7 @@ class Inquiry(AbstractContextManager):
 
     def __init__(self, settings: Settings, config: InquiryConfig, vlm: VlmConfig):
         description.texts(settings.definition)
-        self._settings, self._config, self._detail = settings, config, vlm.told
+        self._settings, self._config, self._detail = settings, config, vlm.prompt_detail
         self.folder, self._files = config.folder, Run(config.folder)
         self._live = not isinstance(vlm, ReplayConfig)
         if isinstance(vlm, ReplayConfig):
@@ -61,8 +61,8 @@ class Inquiry(AbstractContextManager):
         """Ask the questions on cameras, into ``questions.json`` and ``.csv``."""
         if self._detail != "full":
             raise ValueError(
-                f"vlm.told: {self._detail!r} is for rankings and rewards; these questions are about"
-                " the task, so they are asked with full"
+                f"vlm.prompt_detail: {self._detail!r} is for rankings and rewards; these questions"
+                " are about the task, so they are asked with full"
             )
         check_names("shown", topics.shown, tuple(self._settings.renderings))
         album = self._album()
@@ -162,7 +162,9 @@ class Inquiry(AbstractContextManager):
         if not cameras:
             raise ValueError("cams: name the cameras, such as cams=[dep_front,seg_side]")
         if detail == "nothing" and flavour == "text":
-            raise ValueError("vlm.told: nothing goes with flavour=image, which shows pictures")
+            raise ValueError(
+                "vlm.prompt_detail: nothing goes with flavour=image, which shows pictures"
+            )
         if trained is None and self.has_rewards(flavour, samples) and not self._config.overwrite:
             path = self.folder / self._reward_file(flavour, 1)
             raise ValueError(f"{path} exists; overwrite=true asks for another one")

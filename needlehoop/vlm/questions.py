@@ -107,8 +107,8 @@ def question(
         fact: conversation.ask([fill(fact, task)], choice(views, shown)).model_dump()
         for fact in ("goal", *questioned(task))
     }
-    told = bullets(questions.layouts)
-    layouts = _ranked(conversation, [*questions.layouts], "layouts", layouts=told)
+    described = bullets(questions.layouts)
+    layouts = _ranked(conversation, [*questions.layouts], "layouts", layouts=described)
     placements = {
         str(count): order(conversation, sets)
         for count in (1, 2)
@@ -172,8 +172,8 @@ def order_pictures(
 ) -> Ranked:
     """Rank cameras by a picture of each, by name; ``about``: what the task is; may be empty."""
     shown: list[Part] = [part for name in names for part in (f"{name}:", pictures[name])]
-    told = about or "You are not told what the task is."
-    return _ranked(conversation, names, "rank_pictures", shown, told=told)
+    task = about or "You are not told what the task is."
+    return _ranked(conversation, names, "rank_pictures", shown, told=task)
 
 
 def _ranked(

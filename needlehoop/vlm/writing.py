@@ -131,8 +131,8 @@ def reward_prompt(
 
 def guess_prompt(settings: Settings, album: Album) -> list[Part]:
     """What asks a model, told nothing of the task, what it takes the task to be."""
-    told = description.scene(settings, "names")
-    text = fill("guess", told=told, stages=description.stages(settings, "nothing"))
+    scene = description.scene(settings, "names")
+    text = fill("guess", told=scene, stages=description.stages(settings, "nothing"))
     shown = album.renamed(description.stage_names(settings, "nothing"))
     return [text, *shown.show(settings.cams)]
 

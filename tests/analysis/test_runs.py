@@ -19,9 +19,9 @@ STRESS = (
 def written(folder, cameras, seed, disturb="none", success=0.5, reward="human"):
     """A finished run as the protocol's are."""
     run = write_run(folder, cameras, reward, seed)
-    told = {"success_sampled": 0.5, "touched": 0.5, "success": success, "steps_trained": 100}
+    evaluation = {"success_sampled": 0.5, "touched": 0.5, "success": success, "steps_trained": 100}
     more = {
-        "evaluation.json": told | {"grasped": 0.5, "lifted": 0.5, "return": 5.0},
+        "evaluation.json": evaluation | {"grasped": 0.5, "lifted": 0.5, "return": 5.0},
         "manifest.json": {
             "commit": "abc",
             "wall_time": 90.0,

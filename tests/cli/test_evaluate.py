@@ -100,9 +100,9 @@ def test_the_runs_own_evaluation_stays_as_it_is(run, capsys):
 def test_what_may_not_be_changed_is_refused_in_a_line(run, capsys, word, message):
     before = files(run)
     assert main(["evaluate", str(run), word]) == 2
-    told = capsys.readouterr().err
-    assert message in told
-    assert told.count("\n") == 1
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
     assert files(run) == before
 
 
@@ -175,11 +175,11 @@ def test_the_best_policy_is_that_of_the_best_evaluation(tmp_path, monkeypatch):
     marks = iter([(0.5, 1.0), (0.5, 2.0), (0.4, 9.0), (0.5, 2.0), (0.5, 1.9)])
     real = evaluating.on_the_way
 
-    def told(job, agent):
+    def note(job, agent):
         success, value = next(marks)
         return {**real(job, agent), "success": success, "return": value}
 
-    monkeypatch.setattr("needlehoop.training.loop.on_the_way", told)
+    monkeypatch.setattr("needlehoop.training.loop.on_the_way", note)
     monkeypatch.chdir(tmp_path)
     run_composed(composed(*TINY, "steps=40", "evaluation.every=1"))
     run = Path("results") / PLACE

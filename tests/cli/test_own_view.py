@@ -69,7 +69,7 @@ def test_a_command_takes_its_run(place, monkeypatch, capsys, words, output):
 def test_demonstrations_of_a_run_refuse_in_a_line(place, monkeypatch, capsys, words, message):
     monkeypatch.chdir(place)
     assert main(["demonstrations", f"demonstrator={RUN}", *words]) == 2
-    told = capsys.readouterr().err
-    assert message in told
-    assert told.count("\n") == 1
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
     assert not Path("f-v0").exists()

@@ -48,7 +48,10 @@ BAD = [
     ("task.hoop_position=[0,0,high]", ["task.hoop_position.2", "high"]),
     ("disturb.camera.shfit=0.1", ["shfit", "shift, turn"]),
     ("image_size=64.5", ["image_size", "64.5", "whole number"]),
-    ("obs.told=[threaded]", ["obs.told", "threaded", "choose from grasped, lifted"]),
+    (
+        "obs.privileged_facts=[threaded]",
+        ["obs.privileged_facts", "threaded", "choose from grasped, lifted"],
+    ),
     ("imagesize=64", ["imagesize", "unknown", "image_size", "num_envs"]),
     ("+reward.extra=1", ["reward", "extra", "closed_below"]),
 ]

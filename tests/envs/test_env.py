@@ -17,7 +17,7 @@ from needlehoop.tasks.needle_hoop import TASK
 @pytest.mark.parametrize(
     ("cams", "overrides"),
     [
-        (["dep_front", "seg_side"], ["obs.proprio=true", "obs.told=[lifted]"]),
+        (["dep_front", "seg_side"], ["obs.proprio=true", "obs.privileged_facts=[lifted]"]),
         (["rgb_default"], ["episode.control=pose", "reward=sparse"]),
         ([], ["obs.signals=true", "episode.grasp=friction", "psm=serial"]),
     ],
@@ -70,29 +70,33 @@ def test_set_seed_starts_the_seed_over():
     assert torch.equal(env.reset()["signals"], first)
 
 
-def test_signals_and_told_facts_come_in_their_order():
-    words = ["obs.told=[lifted,grasped]", "obs.signals=true"]
+def test_signals_and_privileged_facts_come_in_their_order():
+    words = ["obs.privileged_facts=[lifted,grasped]", "obs.signals=true"]
     env = needlehoop.make_env(num_envs=2, overrides=words)
     state = env.reset()
     signals = env.simulation.look().signals
     columns = [getattr(signals, name).float().reshape(2, -1) for name in TASK.state]
     assert torch.equal(state["signals"], torch.cat(columns, -1))
     expert = controller("smooth", env.settings)
-    told = []
+    rows = []
     for _ in range(18):
         state["action"] = expert(env.simulation.look().signals).float().clamp(-1, 1)
         state = env.step(state)["next"]
         facts = state["facts"]
         expected = torch.cat((facts["lifted"], facts["grasped"]), -1).float()
-        assert torch.equal(state["told"], expected)
-        told.append(state["told"][0].tolist())
+        assert torch.equal(state["privileged_facts"], expected)
+        rows.append(state["privileged_facts"][0].tolist())
     # Held before it is lifted, so that the order can be seen.
-    assert [0.0, 1.0] in told
-    assert [1.0, 1.0] in told
+    assert [0.0, 1.0] in rows
+    assert [1.0, 1.0] in rows
 
 
 def test_dm_control_tells_of_observations_before_a_reset_and_ends_with_discount_one():
-    for overrides in (["obs.signals=true"], ["obs.proprio=true", "obs.told=[lifted]"], []):
+    for overrides in (
+        ["obs.signals=true"],
+        ["obs.proprio=true", "obs.privileged_facts=[lifted]"],
+        [],
+    ):
         cams = ["dep_front"] if overrides else []
         env = needlehoop.load(cams=cams, overrides=["episode.max_steps=3", *overrides])
         spec = env.observation_spec()

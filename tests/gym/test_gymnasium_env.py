@@ -35,7 +35,7 @@ def expert_actions(seed, steps):
         {"render_mode": "rgb_array", "render_size": 64},
         {"cams": ["rgb_default"], "channels": "first", "overrides": ["obs.frame_stack=2"]},
         {"cams": [], "obs": "signals", "overrides": ["obs.proprio=true", "episode.control=pose"]},
-        {"cams": [], "overrides": ["obs.told=[grasped,lifted]"]},
+        {"cams": [], "overrides": ["obs.privileged_facts=[grasped,lifted]"]},
     ],
 )
 def test_gymnasium_and_stable_baselines_find_nothing_wrong(kwargs):

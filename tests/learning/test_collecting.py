@@ -40,16 +40,16 @@ def job_of(*words: str) -> Job:
 
 
 def learnt(job: Job, updates: int | None = None, state: Any = None) -> tuple[Any, ...]:
-    """What is told of each buffer with its sum, the state afterwards, and the weights."""
+    """What is logged of each buffer with its sum, the state afterwards, and the weights."""
     learner = Learner(job, state)
-    told = []
+    logged = []
     for buffer, losses in learner:
-        told.append(said_of(buffer, losses))
+        logged.append(said_of(buffer, losses))
         if learner.done_updates == updates:
             break
     kept, weights = saved(learner), weights_of(learner)
     learner.close()
-    return told, kept, weights
+    return logged, kept, weights
 
 
 def said_of(buffer, losses) -> str:
@@ -71,15 +71,15 @@ def weights_of(learner: Learner) -> dict[str, torch.Tensor]:
 def by_two() -> SimpleNamespace:
     """A training whose environments are in two other processes."""
     learner = Learner(job_of("collector.workers=2", *METHODS["sac"]))
-    told, buffers, state = [], [], b""
+    logged, buffers, state = [], [], b""
     for buffer, losses in learner:
-        told.append(said_of(buffer, losses))
+        logged.append(said_of(buffer, losses))
         buffers.append(buffer.clone())
         if learner.done_updates == 2:
             state = saved(learner)
     weights = weights_of(learner)
     learner.close()
-    return SimpleNamespace(told=told, buffers=buffers, state=state, weights=weights)
+    return SimpleNamespace(logged=logged, buffers=buffers, state=state, weights=weights)
 
 
 @pytest.mark.parametrize(
@@ -91,19 +91,19 @@ def by_two() -> SimpleNamespace:
 )
 def test_a_seed_gives_the_same_bits_again_and_after_a_stop(method, collector):
     job = job_of(*METHODS[method], *COLLECTORS[collector])
-    told, _, weights = learnt(job)
+    logged, _, weights = learnt(job)
     begun, state, _ = learnt(job, updates=2)
-    assert begun == told[:2]
+    assert begun == logged[:2]
     # Through a file, as a checkpoint goes.
     rest, _, again = learnt(job, state=torch.load(io.BytesIO(state), weights_only=True))
-    assert rest == told[2:]
+    assert rest == logged[2:]
     assert [name for name in weights if not torch.equal(weights[name], again[name])] == []
 
 
 def test_a_machine_with_other_cores_goes_on_with_as_many_workers(by_two):
     state = torch.load(io.BytesIO(by_two.state), weights_only=True)
     rest, _, again = learnt(job_of(*METHODS["sac"]), state=state)
-    assert rest == by_two.told[2:]
+    assert rest == by_two.logged[2:]
     assert all(torch.equal(one, again[name]) for name, one in by_two.weights.items())
 
 

@@ -31,17 +31,17 @@ def learner(*overrides: str, state=None) -> Learner:
 
 def test_the_expert_labels_what_it_flies_and_what_the_learner_flies():
     taught = learner("algo.noise=0", "algo.handover=0.5")
-    turns = [(buffer.clone(), told) for buffer, told in taught]
-    first, told = turns[0]
-    assert told["share"] < 0.3
+    turns = [(buffer.clone(), losses) for buffer, losses in taught]
+    first, losses = turns[0]
+    assert losses["share"] < 0.3
     is_learner = first[LEARNER].squeeze(-1)
     # Episodes of six steps: the first are all the expert's.
     assert not is_learner[:, :6].any()
     assert torch.equal(first["action"][~is_learner], first["label"][~is_learner])
     # Those of the expert's do not count as the learner's.
     assert not first["next", "done"][~is_learner].any()
-    last, told = turns[-1]
-    assert told["share"] == 1.0
+    last, losses = turns[-1]
+    assert losses["share"] == 1.0
     assert last[LEARNER].all()
     assert not torch.equal(last["action"], last["label"])
     assert last["next", "done"].sum() >= 4
@@ -54,10 +54,10 @@ def test_the_policy_comes_to_do_what_the_expert_does():
         *("cams=[]", "obs=signals", "num_envs=16", "algo.horizon=20", "steps=2560"),
         *("algo.minibatches=40", "algo.minibatch=64", "algo.memory=2560", "episode.max_steps=40"),
     )
-    told = [losses for _, losses in taught]
-    assert told[-1]["error"] < 0.6 * told[0]["error"]
+    turns = [losses for _, losses in taught]
+    assert turns[-1]["error"] < 0.6 * turns[0]["error"]
     # The deviation becomes what is left of the error.
-    assert told[-1]["sigma"] < told[0]["sigma"]
+    assert turns[-1]["sigma"] < turns[0]["sigma"]
 
 
 def test_noise_leads_the_expert_astray_and_the_value_function_is_left_as_it_is():
@@ -75,11 +75,11 @@ def test_noise_leads_the_expert_astray_and_the_value_function_is_left_as_it_is()
 
 def test_an_image_is_moved_whenever_it_is_learnt_from_and_only_then():
     plain, shifted = (
-        [(buffer.clone(), told) for buffer, told in learner(f"algo.picture_shift={most}")]
+        [(buffer.clone(), losses) for buffer, losses in learner(f"algo.picture_shift={most}")]
         for most in (0, 2)
     )
     # The expert flies the first buffer; images are kept as they were seen.
-    (first, told), (other, told_shifted) = plain[0], shifted[0]
+    (first, losses), (other, told_shifted) = plain[0], shifted[0]
     key = ("pixels", "seg_side")
     assert torch.equal(first[key], other[key])
-    assert told["loss_imitation"] != told_shifted["loss_imitation"]
+    assert losses["loss_imitation"] != told_shifted["loss_imitation"]

@@ -12,7 +12,7 @@ from needlehoop.learning.networks import HeadConfig, Normalizer, PolicySpec, Val
 
 ENCODERS = sorted(file.stem for file in (composing.CONF / "encoder").glob("*.yaml"))
 SMALL = EncoderConfig(name="small", stem=2, channels=(4, 6), blocks=1)
-HEADS = HeadConfig(hidden=16, layers=2, sigma=0.6, shared=True, told=())
+HEADS = HeadConfig(hidden=16, layers=2, sigma=0.6, shared=True, privileged_facts=())
 
 
 def random_images(*shape: int) -> torch.Tensor:
@@ -139,7 +139,8 @@ def test_a_value_function_of_its_own_leaves_the_policy_alone():
 
 
 def test_a_privileged_fact_moves_the_value_and_not_the_policy():
-    agent, seen = make_agent({"rgb_a": 3}, {}, told=("lifted",)), observed(2, {"rgb_a": 3}, {})
+    agent = make_agent({"rgb_a": 3}, {}, privileged_facts=("lifted",))
+    seen = observed(2, {"rgb_a": 3}, {})
     loc, _, value = outputs(agent, seen)
     for fact, moves in (("grasped", False), ("lifted", True)):
         other = seen.clone()

@@ -18,7 +18,7 @@ from needlehoop.learning.networks import HeadConfig, Normalizer, PolicySpec, Val
 from needlehoop.learning.ppo import Ppo
 
 ENCODER = EncoderConfig(name="small", stem=2, channels=(2, 2), blocks=1)
-HEADS = HeadConfig(hidden=16, layers=1, sigma=0.6, shared=True, told=())
+HEADS = HeadConfig(hidden=16, layers=1, sigma=0.6, shared=True, privileged_facts=())
 ENVS, STEPS = 3, 8
 SEEN = Composite(signals=Unbounded(shape=(ENVS, 4)), shape=(ENVS,))
 VALUES = {
@@ -131,12 +131,12 @@ def test_time_outs_bootstrap_and_terminations_do_not_and_a_horizon_cuts(endings,
 def test_both_schedules_fall_linearly_over_the_updates():
     agent = make_agent()
     ppo = make_ppo(agent, updates=5)
-    told = [ppo.update(make_buffer(agent, seed)) for seed in range(6)]
+    turns = [ppo.update(make_buffer(agent, seed)) for seed in range(6)]
     left = [1.0, 0.8, 0.6, 0.4, 0.2, 0.0]
-    rates = [losses["learning_rate"] for losses in told]
+    rates = [losses["learning_rate"] for losses in turns]
     assert rates == pytest.approx([1e-2 * share for share in left], abs=1e-9)
     assert min(rates) > 0
-    epsilons = [losses["epsilon"] for losses in told]
+    epsilons = [losses["epsilon"] for losses in turns]
     assert epsilons == pytest.approx([0.1 + 0.1 * share for share in left])
     assert ppo.done_updates == 6
 
@@ -171,15 +171,15 @@ def test_the_policy_learns_which_action_pays(clip_value):
     agent = make_agent()
     ppo = make_ppo(agent, updates=100, minibatch=ENVS * STEPS, clip_value=clip_value)
     best = torch.tensor([0.5, -0.5])
-    distances, told = [], []
+    distances, turns = [], []
     for seed in range(40):
         buffer = make_buffer(agent, seed, terminated=ALWAYS)
         buffer["next", "reward"] = -(buffer["action"] - best).square().sum(-1, keepdim=True)
         distances.append(float((buffer["loc"] - best).norm(dim=-1).mean()))
-        told.append(ppo.update(buffer))
+        turns.append(ppo.update(buffer))
     assert distances[-1] < 0.6 * distances[0]
-    assert told[-1]["loss_value"] < 0.6 * told[0]["loss_value"]
-    assert all(math.isfinite(value) for losses in told for value in losses.values())
+    assert turns[-1]["loss_value"] < 0.6 * turns[0]["loss_value"]
+    assert all(math.isfinite(value) for losses in turns for value in losses.values())
 
 
 REACH = [

@@ -164,14 +164,14 @@ def test_pixels_and_what_is_hidden(settings):
 
 
 def test_the_probe_scores_each_camera_and_all(settings):
-    told = []
+    shares = []
     tiny = {"episodes": {"train": 4, "held_out": 4, "per_phase": 2}}
     tiny |= {"fit": {"updates": 2, "minibatch": 8, "learning_rate": 1e-3}}
     cams = ("rgb_front", "rgb_side")
-    scores = probe_scores(settings, cams, told.append, **tiny)
+    scores = probe_scores(settings, cams, shares.append, **tiny)
     assert set(scores) == {"rgb_front", "rgb_side", "rgb_front+rgb_side"}
-    assert told == sorted(told)
-    assert told[-1] == 1.0
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
 
 
 def test_a_question_is_written_and_its_answer_read(settings, tmp_path):

@@ -118,9 +118,9 @@ def test_the_value_of_an_unfinished_run_is_the_mean_of_its_last_evaluations(stud
     )
     assert (end.episodes, end.finished, TRAINING in end.measures) == (80, False, False)
     # An evaluation that is older than these does not count, one that is newer does.
-    told = json.loads((study / "dep_front+seg_side/human/seed0/evaluation.json").read_text())
+    evaluation = json.loads((study / "dep_front+seg_side/human/seed0/evaluation.json").read_text())
     for steps, episodes in ((1500, 80), (2500, 100)):
-        (run / "evaluation.json").write_text(json.dumps(told | {"steps_trained": steps}))
+        (run / "evaluation.json").write_text(json.dumps(evaluation | {"steps_trained": steps}))
         end = final(read_run(run).runs[0])
         assert end is not None
         assert end.episodes == episodes

@@ -88,7 +88,7 @@ def test_results_are_in_order_reward_by_reward(findings):
 
 
 def test_results_say_how_soon_each_seed_succeeds(findings):
-    told = set()
+    texts = set()
     for row, result in zip(rows_of(results(findings))[:14], findings.ranked, strict=True):
         for run, cell in zip(result.runs, row["M steps to 90 %"].split(", "), strict=True):
             assert run.metrics is not None
@@ -97,9 +97,9 @@ def test_results_say_how_soon_each_seed_succeeds(findings):
                 step[i] for i in range(4, len(step)) if np.nanmean(share[i - 4 : i + 1]) >= 0.9
             ]
             assert cell == (f"{sooner[0] / 1e6:.2f}" if sooner else "not reached")
-            told.add(cell)
-    assert "not reached" in told
-    assert len(told) > 2
+            texts.add(cell)
+    assert "not reached" in texts
+    assert len(texts) > 2
 
 
 def test_table_2_sets_ours_beside_the_papers(findings):
@@ -180,8 +180,8 @@ def test_disturbances_are_summed_up_over_axes_and_runs(tmp_path):
             run = write_run(tmp_path, cameras, seed=seed, updates=20, steps=204_800)
             conditions = [("none", 0, 1.0), ("camera.shift", 1, 0.9), ("camera.shift", 3, share)]
             conditions += [("robot.late", 3, 0.5), ("all", 3, 0.1)]
-            told = pd.DataFrame(conditions, columns=["axis", "severity", "success"])
-            told.assign(episodes=100).to_csv(run / "stress.csv", index=False)
+            tests = pd.DataFrame(conditions, columns=["axis", "severity", "success"])
+            tests.assign(episodes=100).to_csv(run / "stress.csv", index=False)
     best, worst = rows_of(stress(study_findings(tmp_path)))
     assert (best["cameras"], worst["cameras"]) == ("dep_default", "rgb_default")
     assert (best["undisturbed, %"], best["all at once, %"]) == ("100", "10")

@@ -91,7 +91,7 @@ def test_lifted_is_the_lowest_point_of_the_needle():
     assert "lifted" not in decided(True, False, edge - 1e-4)
 
 
-def told(grasp: str = "weld", *words: str, envs: int = 3) -> SimpleNamespace:
+def flight(grasp: str = "weld", *words: str, envs: int = 3) -> SimpleNamespace:
     """A scene in which the expert flies, and the history of its facts."""
     settings = handover(f"num_envs={envs}", f"episode.grasp={grasp}", "seed=5", *words)
     simulation = build(settings)
@@ -119,7 +119,7 @@ def drops(action: Tensor) -> Tensor:
 
 @pytest.mark.parametrize("grasp", GRASPS)
 def test_a_needle_that_was_dropped_and_picked_up_by_the_other_arm_is_not_handed(grasp):
-    scene = told(grasp, "episode.max_steps=300")
+    scene = flight(grasp, "episode.max_steps=300")
     fly(scene, "has_lifted")
     fly(scene, "handed", drops, most=15)
     assert not (scene.moment.facts["grasped_1"] | scene.moment.facts["lifted"]).any()
@@ -140,7 +140,7 @@ def test_a_needle_that_psm_1_does_not_let_go_of_is_not_handed(grasp):
         action[:, 4] = torch.where(scene.moment.facts["grasped_1"], -1.0, action[:, 4])
         return action
 
-    scene = told(grasp)
+    scene = flight(grasp)
     fly(scene, "both", clings)
     seen = fly(scene, "handed", clings, most=40)
     assert all(step["both"].all() for step in seen)
@@ -152,7 +152,7 @@ def test_psm_2_letting_go_early_is_not_handed():
         action[:, 9] = torch.where(scene.moment.facts["released"], 1.0, action[:, 9])
         return action
 
-    scene = told()
+    scene = flight()
     fly(scene, "has_released", opens)
     seen = fly(scene, "handed", opens, most=9)
     assert not any(step["success"].any() for step in seen)
@@ -163,7 +163,7 @@ def test_psm_2_letting_go_early_is_not_handed():
 
 
 def test_the_reward_rises_from_stage_to_stage():
-    scene = told()
+    scene = flight()
     best = [scene.moment.potential.max()]
     for stage in ("grasped_1", "lifted", "both", "released", "handed"):
         fly(scene, stage)
@@ -174,7 +174,7 @@ def test_the_reward_rises_from_stage_to_stage():
 
 
 def test_the_second_arm_is_paid_for_waiting_with_open_jaws_where_it_takes_the_needle():
-    scene = told()
+    scene = flight()
     s = scene.moment.signals
     before = scene.simulation.reward(s)
     place = s.pickup_2 + s.meeting - s.needle_middle
@@ -198,7 +198,7 @@ def test_the_second_arm_is_paid_for_waiting_with_open_jaws_where_it_takes_the_ne
 
 @pytest.mark.parametrize("grasp", GRASPS)
 def test_arms_that_tear_at_the_needle_leave_the_physics_finite(grasp):
-    scene = told(grasp, "episode.end_on_success=false", envs=6)
+    scene = flight(grasp, "episode.end_on_success=false", envs=6)
     fly(scene, "has_both")
     generator = torch.Generator().manual_seed(1)
     engine, deepest = scene.simulation.engine, 0.0

@@ -203,7 +203,7 @@ def test_evaluate_scores_by_another_reward_and_keeps_the_runs_own_word(finished,
 def test_the_papers_setting():
     job = typed_job(composing.compose(["+experiment=paper", "cams=[seg_side]"], "config"))
     assert (job.buffer, job.env.num_envs, job.env.episode.success) == (10_240, 8, "touch")
-    assert (job.algo.network.told, job.encoder.name) == ((), "resnet")
+    assert (job.algo.network.privileged_facts, job.encoder.name) == ((), "resnet")
 
 
 def test_a_program_that_the_gates_object_to_is_trained_on_and_said_so(

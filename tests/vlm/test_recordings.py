@@ -79,7 +79,12 @@ def test_every_conversation_is_replayed_with_the_prompts_of_today(name, tmp_path
     monkeypatch.setattr(session, "rules_of", rules_of)
     words = [f"task={TASKS[name]}", f"vlm.recording={name}", "engine.threads=1"]
     words = words[1:] if TASKS[name] == "needle_hoop" else words
-    needle = (["samples=3"], ["afresh=true"], ["vlm.told=names"], ["vlm.told=nothing"])
+    needle = (
+        ["samples=3"],
+        ["afresh=true"],
+        ["vlm.prompt_detail=names"],
+        ["vlm.prompt_detail=nothing"],
+    )
     sets = [
         [f"{r}_{view.format(r=r)}" for view in (*VIEWS, "front+{r}_side")]
         for r in ("rgb", "seg", "dep")
@@ -93,9 +98,9 @@ def test_every_conversation_is_replayed_with_the_prompts_of_today(name, tmp_path
     for arguments in commands.get(name, ([],)):
         assert main(["vlm", "rank", *arguments, *words]) == 0
     if name == "claude":
-        for told, flavour in (("names", "text"), ("nothing", "image")):
-            arguments = [f"vlm.told={told}", f"flavour={flavour}", "cams=[dep_front,seg_side]"]
-            assert main(["vlm", "reward", *arguments, f"study={told}"]) == 0
+        for detail, flavour in (("names", "text"), ("nothing", "image")):
+            arguments = [f"vlm.prompt_detail={detail}", f"flavour={flavour}", f"study={detail}"]
+            assert main(["vlm", "reward", *arguments, "cams=[dep_front,seg_side]"]) == 0
     today = [one.sha256 for one in recorded.exchanges if not is_of_the_former_grasp(one)]
     assert sorted(hashes) == sorted(today)
     for file in RECORDINGS.glob(f"{name}/[qra]*.*"):

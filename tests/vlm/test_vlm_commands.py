@@ -286,7 +286,10 @@ MISTAKES = [
     (["question", "size=17"], "its size differs"),
     (["rank", "size=16"], "no recorded request is this one"),
     (["question", "vlm.recording=none"], "nothing is recorded in none/transcript.jsonl"),
-    (["question", "vlm.told=names"], "vlm.told: 'names' is for rankings and rewards"),
+    (
+        ["question", "vlm.prompt_detail=names"],
+        "vlm.prompt_detail: 'names' is for rankings and rewards",
+    ),
     (["reward", CAMS, "size=16", "disturb=mild"], "disturb: a model is told that its pictures"),
     (["question", "vlm=gemini", "vlm.model=other"], "choose another study="),
     (["reward"], "cams: name the cameras"),

@@ -130,11 +130,11 @@ def test_shades_are_told_with_their_distances_by_view(settings):
 def test_numbers_come_from_the_settings(settings, where, change, phrase):
     changed = replace(settings, **{where: replace(getattr(settings, where), **change)})
 
-    def told(s: Settings) -> str:
+    def scene(s: Settings) -> str:
         return description.scene(s) + description.signals(s)
 
-    assert phrase in told(changed)
-    assert phrase not in told(settings)
+    assert phrase in scene(changed)
+    assert phrase not in scene(settings)
 
 
 def test_what_the_text_says_of_frames_is_so_in_the_scene(settings):
@@ -186,15 +186,15 @@ def leaks(text: str, settings: Settings) -> list[str]:
 def test_neither_the_human_reward_nor_the_success_test_is_told(requests, corrected, settings):
     prompts = text_of([*requests, *corrected])
     # Measured numbers may be any.
-    told = re.sub(r"^name +shape +unit +frame +least(.|\n)*?\n\n", "", prompts, flags=re.MULTILINE)
-    assert leaks(told, settings) == []
+    rest = re.sub(r"^name +shape +unit +frame +least(.|\n)*?\n\n", "", prompts, flags=re.MULTILINE)
+    assert leaks(rest, settings) == []
     # What leaked would be found.
     source = inspect.getsource(Human.__call__).splitlines()
     for leak in (
         *("it is done once threaded", "when the tip is within 5 mm", "distance < 0.005"),
         *("a term closed_below", "reward 3.0 for the lift", f"    {source[3]}"),
     ):
-        assert leaks(f"{told}\n{leak}", settings), leak
+        assert leaks(f"{rest}\n{leak}", settings), leak
 
 
 def test_refused_programs_go_back_with_every_kind_of_reason(corrected):

@@ -41,8 +41,8 @@ def test_a_long_list_is_put_in_the_order_of_its_groups():
     assert all(0.5 <= value < 1 for value in result["sure"][0])
     # Names that a model cannot tell apart are as strong as each other.
     tied = {"places": [{"name": name} for name in "abc"], "sure": [0.5, 0.8]}
-    told = strengths("abc", [tied])
-    assert told["a"] == told["b"] > told["c"] > 0
+    found = strengths("abc", [tied])
+    assert found["a"] == found["b"] > found["c"] > 0
 
 
 def test_the_placements_are_what_is_drawn_and_no_cameras_elsewhere():

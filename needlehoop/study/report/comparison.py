@@ -90,21 +90,21 @@ def outcomes(groups: Sequence[Comparison], of: str) -> Table:
 
 def _value(result: Result) -> Estimated:
     """The final return; that of one run has an interval over its episodes."""
-    value, told = result.value, result.runs[0].evaluation or {}
-    if len(result.runs) > 1 or result.unfinished or "return_sd" not in told:
+    value, evaluation = result.value, result.runs[0].evaluation or {}
+    if len(result.runs) > 1 or result.unfinished or "return_sd" not in evaluation:
         return value
-    half = 1.96 * float(told["return_sd"]) / math.sqrt(told["episodes"])
+    half = 1.96 * float(evaluation["return_sd"]) / math.sqrt(evaluation["episodes"])
     return replace(value, interval=Interval(value.value - half, value.value + half))
 
 
 def differences(groups: Sequence[Comparison]) -> Table:
     """Settings and commits in which the studies or runs differ."""
-    told = []
+    rows = []
     for key, run in ((key, run) for group in groups for key, runs in group.items() for run in runs):
         config = pd.json_normalize({**run.config, "commit": run.manifest.get("commit")}).iloc[0]
-        told.append(config.drop([*_WHICH], errors="ignore").map(_as_text).rename(key))
+        rows.append(config.drop([*_WHICH], errors="ignore").map(_as_text).rename(key))
     # Where runs of a study differ among themselves, all its values.
-    by_name = pd.DataFrame(told).groupby(level=0, sort=False)
+    by_name = pd.DataFrame(rows).groupby(level=0, sort=False)
     settings = by_name.agg(lambda values: " / ".join(values.dropna().unique())).T.sort_index()
     differing = settings[settings.nunique(axis=1) > 1].rename_axis("setting").reset_index()
     note = "Empty: a setting that did not exist when the run was made."

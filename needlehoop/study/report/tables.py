@@ -91,9 +91,9 @@ def stress(findings: StudyFindings) -> Table:
         tested = [run.stress for run in result.runs if run.stress is not None]
         if not tested:
             continue
-        told = pd.concat(tested)
-        told = told[told["axis"].eq(NONE) | told["severity"].eq(_SEVERITY)]
-        shares = {str(axis): float(np.mean(part["success"])) for axis, part in told.groupby("axis")}
+        rates = pd.concat(tested)
+        rates = rates[rates["axis"].eq(NONE) | rates["severity"].eq(_SEVERITY)]
+        shares = {str(axis): float(np.mean(one["success"])) for axis, one in rates.groupby("axis")}
         axes = [axis for axis in sorted(shares, key=shares.__getitem__) if axis not in (NONE, ALL)]
         parts = [part[part["axis"].isin(axes) & part["severity"].eq(_SEVERITY)] for part in tested]
         means = [float(np.mean(part["success"])) for part in parts]
@@ -182,8 +182,8 @@ def agreements(findings: StudyFindings) -> Table:
 def agreed(fit: Agreement) -> Row:
     """An agreement as a row's cells."""
     hits = fit.top_hits, fit.bottom_hits
-    told = [
+    ends = [
         f"{count} of {fit.lists}" if fit.lists > 1 else "yes" if count else "no" for count in hits
     ]
     numbers = (written(fit.tau), p_value(fit.tau_p), written(fit.rho), p_value(fit.rho_p))
-    return dict(zip(_AGREEMENT, (*numbers, *told, written(fit.regret)), strict=True))
+    return dict(zip(_AGREEMENT, (*numbers, *ends, written(fit.regret)), strict=True))

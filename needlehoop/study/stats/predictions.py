@@ -67,8 +67,8 @@ def predictions(
         papers: whether it has the paper's task and camera sets, which all others speak of.
     """
     rankings = [said(paper.SOURCE, paper.answers())] if papers else []
-    for told in recorded_answers() if papers else ():
-        rankings += _said_by(told.source, told, RECORDINGS / told.source)
+    for answers in recorded_answers() if papers else ():
+        rankings += _said_by(answers.source, answers, RECORDINGS / answers.source)
     # A study that replays a recording says nothing that is not there already.
     by_model = _said_by("VLM", answers, folder / VLM)
     rankings += [new for new in by_model if all(new.lists != old.lists for old in rankings)]
