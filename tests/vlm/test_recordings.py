@@ -25,6 +25,7 @@ CLAUDE = RECORDINGS / "claude"
 RESULTS = CONF.parent / "results/rewards"
 PLACEMENTS = "claude_placements"
 ROOM = "claude_operating_room"
+RECIPE = "claude_recipe"
 VIEWS = ("wrist", "ecm_left", "ecm_left+{r}_ecm_right", "ecm_left+{r}_wrist", "front+{r}_wrist")
 """The sets of ``ROOM``, in each rendering; and ``front+side``."""
 TASKS = {
@@ -33,9 +34,10 @@ TASKS = {
     ROOM: "needle_hoop",
     PLACEMENTS: "needle_hoop",
     "claude_reach": "reach",
+    RECIPE: "needle_hoop",
 }
-PROGRAMS = {"claude": 5, "claude_peg_transfer": 3}
-"""Of each flavour."""
+PROGRAMS = {"claude": (5, 5), "claude_peg_transfer": (3, 3), RECIPE: (0, 20)}
+"""From text, and from text and images."""
 PAIR = "dep_front+seg_side"
 
 
@@ -94,6 +96,7 @@ def test_every_conversation_is_replayed_with_the_prompts_of_today(name, tmp_path
         "claude": needle,
         PLACEMENTS: (["+experiment=placements", "study=main"],),
         ROOM: ([f"sets=[{lists}]", "task=wide", "group=6"],),
+        RECIPE: (),
     }
     for arguments in commands.get(name, ([],)):
         assert main(["vlm", "rank", *arguments, *words]) == 0
@@ -101,6 +104,9 @@ def test_every_conversation_is_replayed_with_the_prompts_of_today(name, tmp_path
         for detail, flavour in (("names", "text"), ("nothing", "image")):
             arguments = [f"vlm.prompt_detail={detail}", f"flavour={flavour}", f"study={detail}"]
             assert main(["vlm", "reward", *arguments, "cams=[dep_front,seg_side]"]) == 0
+    if name == RECIPE:
+        arguments = ["cams=[dep_front,seg_side]", "flavour=image", "samples=20", "task=wide"]
+        assert main(["vlm", "reward", *arguments, *words]) == 0
     today = [one.sha256 for one in recorded.exchanges if not is_of_the_former_grasp(one)]
     assert sorted(hashes) == sorted(today)
     for file in RECORDINGS.glob(f"{name}/[qra]*.*"):
@@ -142,10 +148,13 @@ def test_programs_are_those_that_were_answered(name):
         and not exchange.conversation.endswith(("/names", "/nothing"))
     }
     files = {}
-    for number in range(1, PROGRAMS[name] + 1):
-        which, sample = ("", "") if number == 1 else (f"/{number}", f"_{number}")
-        files[f"reward/text{which}"] = f"any/text{sample}.txt"
-        files[f"reward/{PAIR}/image{which}"] = f"{PAIR}/image{sample}.txt"
+    for (place, flavour), count in zip(
+        (("reward/text", "any/text"), (f"reward/{PAIR}/image", f"{PAIR}/image")),
+        PROGRAMS[name],
+        strict=True,
+    ):
+        files |= {place: f"{flavour}.txt"} if count else {}
+        files |= {f"{place}/{n}": f"{flavour}_{n}.txt" for n in range(2, count + 1)}
     assert set(answers) == set(files)
     for conversation, file in files.items():
         program = (RECORDINGS / name / "rewards" / file).read_text()
