@@ -1,7 +1,7 @@
 """Plain values as dataclasses, checked by pydantic; an error is one line for each wrong key.
 
 A field's type has its range: ``steps: Annotated[int, Range(1)]``, or the texts that it may be:
-``keep: Annotated[str, OneOf("last", "best")]``.
+``grasp: Annotated[str, OneOf("weld", "friction")]``.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, replace
 from importlib import import_module
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 import numpy as np
@@ -105,7 +106,8 @@ def fitting(what: str) -> Iterator[None]:
     try:
         yield
     except (LookupError, RuntimeError, TypeError, ValueError) as error:
-        reason = str(error).splitlines()[-1].strip()
+        # Torch names every weight that is missing or too many.
+        reason = shorten(str(error).splitlines()[-1], 160, placeholder=" …")
         raise ValueError(f"{what} does not fit its config: {reason}") from error
 
 
