@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from collections.abc import Callable
 from typing import Any, ClassVar
@@ -72,6 +73,8 @@ class MemoryAlgorithm(Algorithm):
 
     def __init__(self, agent: Any, config: Any, updates: int, seed: int):
         super().__init__(agent, config, updates, seed)
+        # It would say into the progress bar that it makes room.
+        logging.getLogger("torchrl").setLevel(logging.WARNING)
         storage = LazyTensorStorage(config.memory, device=self.device)
         self._frames = TensorDictReplayBuffer(storage=storage)
 
