@@ -7,9 +7,8 @@ from itertools import permutations, product
 
 import numpy as np
 import pandas as pd
-from scipy.stats import kendalltau
 
-from analysis.protocol import Scores, means
+from analysis.protocol import Scores, mean_tau, means
 from analysis.runs import is_two_sided
 from needlehoop.study.data import paper
 from needlehoop.study.render.table import p_value, written
@@ -27,14 +26,14 @@ def stand_in_table(learnt: pd.DataFrame, imitated: pd.DataFrame) -> pd.DataFrame
     sets = [*paper.measured()]
     tables = [runs.loc[runs["cameras"].isin(sets)] for runs in (learnt, imitated)]
     by_ppo, by_imitation = (means(runs) for runs in tables)
-    tau = kendalltau(*([side[name] for name in sets] for side in (by_ppo, by_imitation))).statistic
+    tau = mean_tau([by_imitation], by_ppo)
     drawn = _drawn_taus(*tables)
     low, high = (float(np.nanquantile(drawn, share)) for share in (0.025, 0.975))
     within, p = within_classes(by_ppo, by_imitation)
     agrees = tau >= _LEAST_TAU and low > 0
     verdict = "yes" if agrees and p < 0.05 else "only as a rule" if agrees else "no"
     rows = (
-        ("all 14", written(Estimated(float(tau), Interval(low, high))), "", verdict),
+        ("all 14", written(Estimated(tau, Interval(low, high))), "", verdict),
         ("within the rule's two classes", written(within), p_value(p), ""),
     )
     return pd.DataFrame(rows, columns=("camera sets", "τ-b (95 %)", "exact p", "a stand-in"))
