@@ -85,6 +85,8 @@ class SacConfig(MemoryConfig):
 
     kind: Annotated[str, OneOf(SAC)]
     gamma: Share
+    n_steps: Count
+    """Steps whose rewards are summed before a critic judges the rest, within a buffer."""
     tau: Annotated[float, Range(0.0, 1.0, above=True)]
     """Share of the way that the targets follow after each minibatch."""
     alpha: Positive

@@ -8,24 +8,13 @@ import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictSequential
 from torch import Tensor, nn
-from torchrl.modules import ProbabilisticActor, TanhNormal
+from torchrl.data.postprocs import MultiStep
+from torchrl.modules import MLP, ProbabilisticActor, TanhNormal
 from torchrl.objectives import SACLoss, SoftUpdate
 
 from needlehoop.learning.algorithm import MemoryAlgorithm, step
 from needlehoop.learning.algorithm_config import SacConfig
-from needlehoop.learning.encoder import linear
-from needlehoop.learning.networks import Agent, HeadConfig, PolicySpec, dense
-
-
-class ActionValue(nn.Module):
-    """The value ``(n, 1)`` of features, facts and an action; ``size``: of all these together."""
-
-    def __init__(self, size: int, heads: HeadConfig):
-        super().__init__()
-        self.layers = nn.Sequential(*dense(size, heads), linear(heads.hidden, 1))
-
-    def forward(self, *inputs: Tensor) -> Tensor:
-        return self.layers(torch.cat([one.float() for one in inputs], -1))
+from needlehoop.learning.networks import Agent, PolicySpec
 
 
 class SacAgent(Agent):
@@ -33,8 +22,20 @@ class SacAgent(Agent):
 
     def __init__(self, spec: PolicySpec, device: torch.device):
         super().__init__(spec, spec.trunk(device))
-        size = self.actor.trunk.size + len(self.privileged_keys) + spec.actions
-        self.critics = nn.ModuleList(ActionValue(size, spec.network) for _ in range(2))
+        width, layers = spec.network.hidden, spec.network.layers
+        # Without the norms, values grow until the policy has only its fastest actions left.
+        critics = (
+            MLP(
+                in_features=self.actor.trunk.size + len(self.privileged_keys) + spec.actions,
+                out_features=1,
+                num_cells=[width] * layers,
+                activation_class=nn.SiLU,
+                norm_class=nn.LayerNorm,
+                norm_kwargs={"normalized_shape": width},
+            )
+            for _ in range(2)
+        )
+        self.critics = nn.ModuleList(critics)
 
 
 class Sac(MemoryAlgorithm):
@@ -67,6 +68,7 @@ class Sac(MemoryAlgorithm):
         ).to(self.device)
         self._loss.make_value_estimator(gamma=config.gamma)
         self._targets = SoftUpdate(self._loss, tau=config.tau)
+        self._ahead = MultiStep(config.gamma, config.n_steps)
         weights = self._loss.qvalue_network_params.values(True, True)
         self._adam([*weights, *trunk.encoders.parameters()], "critics")
         self._adam([*trunk.layers.parameters(), *gaussian.parameters()], "actor")
@@ -76,7 +78,7 @@ class Sac(MemoryAlgorithm):
         keys, following = self.agent.in_keys, buffer.get("next")
         kept = buffer.select(*keys, "action")
         kept["next"] = following.select(*keys, "reward", "done", "terminated")
-        return kept
+        return self._ahead(kept).select(*keys, "action", "next", "steps_to_next_obs")
 
     def _learn(self, number: int) -> dict[str, Tensor]:
         frames = self._minibatch()
