@@ -15,6 +15,9 @@ from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
 from needlehoop.learning.networks import Agent, Normalizer, PolicySpec
 
+_RAMP = 30
+"""Minibatches over which the learning rate of a memory's learner rises at the very start."""
+
 
 class Algorithm:
     """Trains an agent, one buffer after the other; a method of training derives from it.
@@ -82,8 +85,12 @@ class MemoryAlgorithm(Algorithm):
         """What the memory keeps of a buffer."""
         raise NotImplementedError
 
-    def _learn(self, number: int) -> dict[str, Tensor]:
-        """Learn from minibatch ``number`` of this update; returns what is reported of it."""
+    def _learn(self) -> dict[str, Tensor]:
+        """Learn from a minibatch; returns what is reported of it."""
+        raise NotImplementedError
+
+    def _pace(self, share: float) -> float:
+        """Of the learning rate, what is left after a share of all minibatches."""
         raise NotImplementedError
 
     def remember(self, buffer: TensorDictBase) -> None:
@@ -93,8 +100,11 @@ class MemoryAlgorithm(Algorithm):
     def update(self, buffer: TensorDictBase) -> dict[str, float]:
         self.remember(buffer)
         totals, count = Counter[str](), self.config.minibatches
-        for number in range(count):
-            totals.update(self._learn(number))
+        for done in range(self.done_updates * count, (self.done_updates + 1) * count):
+            rate = self.config.learning_rate * self._pace(done / (self.updates * count))
+            for optimizer in self._optimizers.values():
+                optimizer.param_groups[0]["lr"] = rate * min(1.0, (done + 1) / _RAMP)
+            totals.update(self._learn())
         self._end_update(buffer)
         return {
             **{name: float(value) / count for name, value in totals.items()},

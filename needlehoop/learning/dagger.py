@@ -16,9 +16,6 @@ from needlehoop.learning.algorithm_config import DaggerConfig
 from needlehoop.learning.networks import ValueAgent
 from needlehoop.learning.transforms import EXPERT, LABEL, LEARNER
 
-_RAMP = 30
-"""Minibatches over which the learning rate rises at the very start."""
-
 
 class Pupil(TensorDictModuleBase):
     """Acts as the expert does or, in the learner's episodes, as the policy would on average."""
@@ -62,8 +59,7 @@ class Dagger(MemoryAlgorithm):
         buffer["next", "done"] &= buffer[LEARNER]
         return {**losses, "share": float(buffer[LEARNER].float().mean())}
 
-    def _learn(self, number: int) -> dict[str, Tensor]:
-        self._schedule(number)
+    def _learn(self) -> dict[str, Tensor]:
         frames, actor = self._minibatch(), self._actor
         label: Any = frames[LABEL]
         loc, scale = actor.head(actor.trunk(*(frames[key] for key in self.agent.seen_keys)))
@@ -79,10 +75,6 @@ class Dagger(MemoryAlgorithm):
         step(self._optimizers["all"], imitation + likelihood)
         return {name: one.detach() for name, one in reported.items()}
 
-    def _schedule(self, number: int) -> None:
-        """Set the learning rate for a minibatch of this update: a ramp, then half a cosine."""
-        done = self.done_updates * self.config.minibatches + number
-        share = done / (self.updates * self.config.minibatches)
-        rate = self.config.learning_rate * (1 + math.cos(math.pi * share)) / 2
-        rate *= min(1.0, (done + 1) / _RAMP)
-        self._optimizers["all"].param_groups[0]["lr"] = rate
+    def _pace(self, share: float) -> float:
+        """Half a cosine."""
+        return (1 + math.cos(math.pi * share)) / 2

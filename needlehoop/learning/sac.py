@@ -80,7 +80,7 @@ class Sac(MemoryAlgorithm):
         kept["next"] = following.select(*keys, "reward", "done", "terminated")
         return self._ahead(kept).select(*keys, "action", "next", "steps_to_next_obs")
 
-    def _learn(self, number: int) -> dict[str, Tensor]:
+    def _learn(self) -> dict[str, Tensor]:
         frames = self._minibatch()
         with torch.no_grad():
             self._see(frames["next"])
@@ -102,6 +102,10 @@ class Sac(MemoryAlgorithm):
             "sigma": self.agent.actor.head.log_sigma.exp().mean(),
         }
         return {name: one.detach() for name, one in reported.items()}
+
+    def _pace(self, share: float) -> float:
+        """Constant, but for the last fifth: the policy comes to rest."""
+        return min(1.0, 5 * (1 - share))
 
     def state_dict(self) -> dict[str, Any]:
         return {**super().state_dict(), "loss": self._loss.state_dict()}
