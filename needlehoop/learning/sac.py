@@ -69,16 +69,18 @@ class Sac(MemoryAlgorithm):
         self._loss.make_value_estimator(gamma=config.gamma)
         self._targets = SoftUpdate(self._loss, tau=config.tau)
         self._ahead = MultiStep(config.gamma, config.n_steps)
+        # It would leave these where they are, and value what follows an episode's end.
+        self._ahead.done_keys = ()
         weights = self._loss.qvalue_network_params.values(True, True)
         self._adam([*weights, *trunk.encoders.parameters()], "critics")
         self._adam([*trunk.layers.parameters(), *gaussian.parameters()], "actor")
         self._adam([self._loss.log_alpha], "alpha")
 
     def _kept(self, buffer: TensorDictBase) -> TensorDictBase:
-        keys, following = self.agent.in_keys, buffer.get("next")
-        kept = buffer.select(*keys, "action")
-        kept["next"] = following.select(*keys, "reward", "done", "terminated")
-        return self._ahead(kept).select(*keys, "action", "next", "steps_to_next_obs")
+        keys = self.agent.in_keys
+        following = [("next", key) for key in (*keys, "reward", "done", "terminated")]
+        ahead = self._ahead(buffer.select(*keys, "action", *following))
+        return ahead.select(*keys, "action", *following, "steps_to_next_obs")
 
     def _learn(self) -> dict[str, Tensor]:
         frames = self._minibatch()

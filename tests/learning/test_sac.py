@@ -30,4 +30,7 @@ def test_rewards_of_some_steps_are_summed_up_to_an_episodes_end():
         # The critics judge what follows the last of these steps.
         seen = buffer["next", "signals"][torch.arange(4), last]
         assert torch.equal(kept["next", "signals"][:, step], seen)
+        for key in ("done", "terminated"):
+            ends = buffer["next", key][torch.arange(4), last]
+            assert torch.equal(kept["next", key][:, step], ends)
         assert torch.equal(kept["steps_to_next_obs"][:, step].flatten(), last - step + 1)
