@@ -31,6 +31,7 @@ from analysis.protocol import (
     traits_table,
 )
 from analysis.runs import STRESS, runs_of, stress_of
+from analysis.stand_in import beside_table
 from analysis.verdicts import verdicts_table
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.study.data import paper
@@ -233,6 +234,7 @@ def mounted_predictions() -> dict[str, dict[str, dict[str, float]]]:
 
 
 _EVIDENCE: Mapping[str, Callable[[], pd.DataFrame]] = {
+    "stand_in": lambda: beside_table(runs("ppo"), runs("protocol")),
     "mounted": lambda: instruments.views_table(runs(MOUNTED)),
     "mounted_questions": lambda: instruments.questions_table(runs(MOUNTED)),
     "mounted_predictions": lambda: instruments.predictions_table(

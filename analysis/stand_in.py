@@ -11,10 +11,24 @@ import pandas as pd
 from analysis.protocol import Scores, mean_tau, means
 from analysis.runs import is_two_sided
 from needlehoop.study.data import paper
-from needlehoop.study.render.table import p_value, written
+from needlehoop.study.render.table import p_value, percent, written
 from needlehoop.study.stats.statistics import Estimated, Interval
 
 _LEAST_TAU, _DRAWS = 0.5, 10_000
+
+
+def beside_table(learnt: pd.DataFrame, imitated: pd.DataFrame) -> pd.DataFrame:
+    """Each camera set's runs by PPO, the best first, beside its mean by imitation."""
+    groups, by_imitation = learnt.groupby("cameras"), means(imitated)
+    return pd.DataFrame(
+        {
+            "cameras": name,
+            "PPO: threaded by seed, %": percent(groups.get_group(name)["success"].tolist()),
+            "PPO: sampled, %": percent(float(groups.get_group(name)["sampled"].mean())),
+            "imitation: threaded, mean, %": percent(by_imitation[name]),
+        }
+        for name in means(learnt)
+    )
 
 
 def stand_in_table(learnt: pd.DataFrame, imitated: pd.DataFrame) -> pd.DataFrame:
