@@ -14,7 +14,31 @@ from torchrl.objectives import SACLoss, SoftUpdate
 
 from needlehoop.learning.algorithm import MemoryAlgorithm, step
 from needlehoop.learning.algorithm_config import SacConfig
-from needlehoop.learning.networks import Agent, PolicySpec
+from needlehoop.learning.networks import Agent, HeadConfig, PolicySpec
+
+
+class Critic(nn.Module):
+    """The value of an action, from ``size`` features and ``others``: facts, and the action.
+
+    Its norms keep values from growing until the policy has only its fastest actions left.
+    """
+
+    def __init__(self, size: int, others: int, network: HeadConfig):
+        super().__init__()
+        # As in DrQ-v2: beside hundreds of features an action hardly counts.
+        few = 50
+        self.squeeze = nn.Sequential(nn.Linear(size, few), nn.LayerNorm(few), nn.Tanh())
+        self.layers = MLP(
+            in_features=few + others,
+            out_features=1,
+            num_cells=[network.hidden] * network.layers,
+            activation_class=nn.SiLU,
+            norm_class=nn.LayerNorm,
+            norm_kwargs={"normalized_shape": network.hidden},
+        )
+
+    def forward(self, features: Tensor, *others: Tensor) -> Tensor:
+        return self.layers(self.squeeze(features), *others)
 
 
 class SacAgent(Agent):
@@ -22,19 +46,8 @@ class SacAgent(Agent):
 
     def __init__(self, spec: PolicySpec, device: torch.device):
         super().__init__(spec, spec.trunk(device))
-        width, layers = spec.network.hidden, spec.network.layers
-        # Without the norms, values grow until the policy has only its fastest actions left.
-        critics = (
-            MLP(
-                in_features=self.actor.trunk.size + len(self.privileged_keys) + spec.actions,
-                out_features=1,
-                num_cells=[width] * layers,
-                activation_class=nn.SiLU,
-                norm_class=nn.LayerNorm,
-                norm_kwargs={"normalized_shape": width},
-            )
-            for _ in range(2)
-        )
+        others = len(self.privileged_keys) + spec.actions
+        critics = (Critic(self.actor.trunk.size, others, spec.network) for _ in range(2))
         self.critics = nn.ModuleList(critics)
 
 
