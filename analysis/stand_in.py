@@ -24,7 +24,7 @@ def beside_table(learnt: pd.DataFrame, imitated: pd.DataFrame) -> pd.DataFrame:
         {
             "cameras": name,
             "PPO: threaded by seed, %": percent(groups.get_group(name)["success"].tolist()),
-            "PPO: sampled, %": percent(float(groups.get_group(name)["sampled"].mean())),
+            "PPO: sampled, %": percent(float(np.mean(groups.get_group(name)["sampled"]))),
             "imitation: threaded, mean, %": percent(by_imitation[name]),
         }
         for name in means(learnt)
