@@ -2,14 +2,14 @@
 
 Exploratory, beside Q9 of docs/protocol.md. ``python -m analysis.lift_gate TABLE.csv RUN …`` flies
 runs that grasp and do not lift, then moves the tip straight up, and asks the human reward and the
-ten programs of the recording ``claude`` what they pay. A tip that is held against the table does
-not count: an episode counts if the needle is grasped, and not lifted, when the lift begins.
+ten programs of the recording ``claude`` what they pay. An episode counts if the needle is
+grasped, and not lifted, when the lift begins.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import count, islice
 from pathlib import Path
@@ -46,8 +46,11 @@ def programs(task: Task) -> Iterator[tuple[str, Callable[[Signals], dict[str, Te
             yield f"{flavour} {sample}", compile_program(source, task.signals)
 
 
-def lifts(folder: Path) -> tuple[Task, Signals, Signals, Signals]:
-    """Moments ``(n,)`` of a run's agent: where it is stuck, one step up, and 20 mm up."""
+def lifts(folder: Path) -> tuple[Task, Sequence[Signals], dict[str, float]]:
+    """Moments ``(n,)`` of a run's agent: where it is stuck, one step up, and 20 mm up.
+
+    And what it did when it was stuck: its mean action along z, and that action's deviation.
+    """
     run = Run.open(folder)
     job, _ = flown_job(run.config(), (), trust=False)
     agent = load_agent(run, job, torch.device("cpu"))
@@ -66,23 +69,29 @@ def lifts(folder: Path) -> tuple[Task, Signals, Signals, Signals]:
 
     # The tip follows its target within a step.
     whole = STUCK + round(RISE / rules.translation) + 1
-    moments = [step.moment.signals.clone() for step in islice(rollout(simulation, up), whole + 1)]
+    moments, actions = [], []
+    for step in islice(rollout(simulation, up), whole + 1):
+        moments.append(step.moment.signals.clone())
+        actions.append(step.action)
     is_stuck = moments[STUCK].grasped & ~moments[STUCK].lifted
-    before, first, last = (moments[at][is_stuck] for at in (STUCK, STUCK + 1, whole))
-    return job.env.definition, before, first, last
+    rises = [moments[at][is_stuck] for at in (STUCK, STUCK + 1, whole)]
+    deviation = agent.actor.head.log_sigma.exp()[2].item()
+    stuck = {"z_action": float(actions[STUCK][is_stuck, 2].mean()), "deviation": deviation}
+    return job.env.definition, rises, stuck
 
 
 def table(folders: list[Path]) -> pd.DataFrame:
     """A row for each run and reward: what the first step up and 20 mm pay, on average."""
     rows = []
     for folder in folders:
-        task, *moments = lifts(folder)
+        task, moments, stuck = lifts(folder)
         for name, reward in programs(task):
             before, first, last = (potential(reward(moment)) for moment in moments)
             rows.append(
                 {
                     "agent": folder.parents[1].name,
                     "episodes": len(before),
+                    **stuck,
                     "reward": name,
                     "first_step": float((first - before).mean()),
                     "rise": float((last - before).mean()),
