@@ -67,14 +67,11 @@ def add(to: Path, study: Path) -> tuple[pd.DataFrame, dict[int, Path]]:
     Returns the table, a row for each program, and the runs' folders by sample.
     """
     path = to / TABLE
-    table = pd.read_csv(path) if path.exists() else pd.DataFrame(columns=["sample"])
+    old = [pd.read_csv(path)] if path.exists() else []
+    known = {sample for table in old for sample in table["sample"]}
     runs = {run.config["reward"]["sample"]: run for run in read_study(study).runs}
-    new = [
-        pd.DataFrame([_trial(run)])
-        for sample, run in runs.items()
-        if sample not in {*table["sample"]}
-    ]
-    table = pd.concat([table, *new]).sort_values("sample", ignore_index=True)
+    new = [pd.DataFrame([_trial(run)]) for sample, run in runs.items() if sample not in known]
+    table = pd.concat(old + new).sort_values("sample", ignore_index=True)
     to.mkdir(parents=True, exist_ok=True)
     table.to_csv(path, index=False, float_format="%.5g")
     return table, {sample: run.folder for sample, run in runs.items()}
