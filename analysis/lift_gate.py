@@ -25,8 +25,8 @@ from needlehoop.learning.evaluate import acting, load_agent
 from needlehoop.learning.subject import flown_job
 from needlehoop.rewards import potential, reference_reward
 from needlehoop.rewards.language.program import compile_program
+from needlehoop.rewards.program_reward import FLAVOURS, find
 from needlehoop.runs.run import Run
-from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks.contract import Task
 
@@ -38,11 +38,9 @@ STUCK, RISE = 60, 0.02
 def programs(task: Task) -> Iterator[tuple[str, Callable[[Signals], dict[str, Tensor]]]]:
     """The human reward, and the programs of ``claude``, by name."""
     yield "human", reference_reward(task)
-    rewards = RECORDINGS / "claude" / "rewards"
-    for flavour, place in (("text", "any"), ("image", "dep_front+seg_side")):
+    for flavour in FLAVOURS.values():
         for sample in range(1, 6):
-            name = flavour if sample == 1 else f"{flavour}_{sample}"
-            source = (rewards / place / f"{name}.txt").read_text()
+            source = find(("dep_front", "seg_side"), flavour, None, "", "claude", sample).text
             yield f"{flavour} {sample}", compile_program(source, task.signals)
 
 
