@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,9 @@ def _trial(run: Record) -> dict[str, Any]:
         raise ValueError(f"{run.folder} stands at {run.steps} steps, not {TRIED}")
     job, _ = flown_job(run.config, (), trust=False)
     agent = load_agent(Run.open(run.folder), job, torch.device("cpu"))
-    outcome = evaluate(job.env, agent, EPISODES, sampled=True).summary()
+    # Episodes that it was not trained on, as in its final evaluation.
+    settings = replace(job.env, seed=job.evaluation.final_seed)
+    outcome = evaluate(settings, agent, EPISODES, sampled=True).summary()
     reward: Mapping[str, Any] = run.config["reward"]
     return {
         "repetition": (reward["sample"] - 1) // PROGRAMS + 1,
