@@ -6,6 +6,7 @@ The words are the number of rounds and settings of an environment. Every variant
 round with random actions, so other work on the machine slows all of them; the best round counts.
 """
 
+import platform
 import sys
 import time
 from collections import defaultdict
@@ -19,7 +20,7 @@ import torch
 
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.envs.torchrl_env import TorchRLEnv
-from needlehoop.runs.machine import machine
+from needlehoop.runs.machine import available_cpus
 
 STEPS = 40
 """Vector steps per round."""
@@ -114,7 +115,7 @@ if __name__ == "__main__":
             seconds = time.perf_counter() - began
             best[name] = max(best[name], count / seconds)
             spent += seconds if name == "with images" else 0.0
-    print(machine())
+    print(f"{platform.processor() or platform.machine()}, {available_cpus()} CPUs")
     for name, rate in best.items():
         print(f"{name}: {rate:,.0f} steps/s")
     shares = ", ".join(f"{part} {taken / spent:.0%}" for part, taken in parts.items())

@@ -8,6 +8,7 @@ The last line is JSON.
 """
 
 import json
+import platform
 import sys
 from dataclasses import replace
 from statistics import harmonic_mean
@@ -15,7 +16,7 @@ from statistics import harmonic_mean
 from needlehoop.config import composing
 from needlehoop.learning.job import Job, typed_job
 from needlehoop.learning.learner import Learner
-from needlehoop.runs.machine import available_cpus, machine, peak_memory
+from needlehoop.runs.machine import available_cpus, peak_memory
 
 
 def job_of(words: list[str]) -> Job:
@@ -52,7 +53,7 @@ if __name__ == "__main__":
     rates, learning = measure(jobs, int(rounds))
     means = [harmonic_mean(speeds) for speeds in rates]
     report = {
-        "machine": machine(),
+        "machine": platform.processor() or platform.machine(),
         "threads": jobs[0].env.engine.threads or available_cpus(),
         "steps_per_second": round(means[0]),
         "share_learning": round(learning[0], 3),

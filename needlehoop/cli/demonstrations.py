@@ -48,7 +48,7 @@ def demonstrations(options: argparse.Namespace) -> None:
         demonstrator, device = keys.demonstrator, pick_device(keys.device)
         seed = keys.seed if typed(words, "seed") else None
         chosen = Path(demonstrator), conditions, seed, device, keys.trust, "demonstrations"
-        # Two after those of its evaluations and of watch.
+        # evaluate takes the run's final seed, watch the next, this the one after.
         settings, make = of_run(*chosen, later=2)
     else:
         settings = settings_from(values)

@@ -169,15 +169,25 @@ def stress(options: argparse.Namespace) -> None:
     out = new_file(folder / STRESS if keys.out is None else keys.out, ".csv", overwrite=True)
     device = pick_device(keys.device)
     from needlehoop.learning import stress
-    from needlehoop.learning.subject import subject
 
-    settings, make = subject(options.who, conditions, keys.seed, device, keys.trust)
+    if folder.is_dir():
+        from needlehoop.learning.subject import of_run
+
+        settings, make = of_run(folder, conditions, keys.seed, device, keys.trust, "stress")
+    else:
+        from needlehoop.envs.controllers import by_name, controllers
+        from needlehoop.envs.settings import compose_settings
+
+        # As in a run's final evaluation by default.
+        seed = 1_000_001 if keys.seed is None else keys.seed
+        settings = replace(compose_settings([*conditions, f"seed={seed}"]), cams=())
+        strict.check_names("a run's folder or controller", [options.who], controllers(settings))
+        make = by_name(options.who)
     chosen = stress.chosen_axes(keys.axes, blind=not settings.cams)
     tried = stress.conditions(keys.levels, chosen, keys.severities, keys.together)
     settings = replace(settings, engine=replace(settings.engine, threads=keys.threads))
     rows = stress.stress(settings, make, tried, keys.episodes, keys.num_envs)
     set_aside(out)
-    out.parent.mkdir(parents=True, exist_ok=True)
     write_whole(out, csv_text(rows[0], (row.values() for row in rows)))
     print(f"{stress.summary(rows)}\ntable        {out}")
 
@@ -189,7 +199,7 @@ def _flown(
 
     A seed that was not typed is that of the run's own evaluation plus ``later``.
     """
-    # What this refuses does not wait for the agent.
+    # A wrong key is refused before the agent is imported, which takes seconds.
     changing.check(conditions, run.config(), command)
     import torch
 

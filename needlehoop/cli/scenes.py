@@ -93,7 +93,6 @@ def _export_policy(keys: Any) -> None:
 
     spec, actor, origin = actor_in(keys.run or AGENT, "cpu", precision=PRECISION)
     content = onnx_bytes(spec, actor)
-    out.parent.mkdir(parents=True, exist_ok=True)
     write_whole(out, content)
     print(f"{out}: {len(content) / 1e6:.1f} MB, {origin}; look at it: https://netron.app")
 

@@ -24,7 +24,7 @@ _NO_CONDITIONS = {*_SEEN, "cameras", "num_envs", "seed", "task_dir"}
 """Keys of an environment that stay as the run has them."""
 
 _NO_EFFECT = ("engine.kind", "engine.threads", "picture.")
-"""Keys, or how they begin, that may be given and do not affect what an agent does."""
+"""Keys, and beginnings of keys, that may be typed and change nothing that an agent does."""
 
 
 def parted(words: Iterable[str], command: str) -> tuple[list[str], list[str]]:
@@ -65,7 +65,7 @@ def changed(
     chosen = [word for word in rest if _top(word) in replaced]
     values = deepcopy(before)
     if chosen:
-        # A reward's file refers to the cameras, which may be of a folder that is not given here.
+        # A reward's YAML refers to the cameras, and the run's may be of a conf_dir not typed now.
         seen = [f"++cameras.{name}=null" for name in recorded["cams"] if "reward" in tops]
         with initialize_config_dir(str(CONF), version_base="1.3"):
             composed = composing.compose_here([*place, *chosen, *seen], "env")

@@ -20,7 +20,7 @@ from typing import Any
 
 from hydra.core.config_store import ConfigStore
 
-from needlehoop.runs.reading import named, read_yaml
+from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF
 
 CAMERAS = "cameras"
@@ -95,7 +95,7 @@ def _check(folder: Path, key: str) -> None:
     groups = sorted(path.name for path in CONF.iterdir() if path.is_dir())
     for file in folder.rglob("*.yaml"):
         # That folder is imported, and a file must not decide it.
-        if "task_dir" in read_option(file):
+        if "task_dir" in read_yaml(file):
             raise ValueError(f"{file}: task_dir counts only where you type it")
         option = file.relative_to(folder)
         group = option.parts[0]
@@ -121,14 +121,14 @@ def register(words: Iterable[str], folders: Sequence[Path], task: str | None = N
     (name,) = tasks
     for group, (option, place) in _OF_TASK.items():
         for file in _files(folders, f"{place}/{name}.yaml")[:1]:
-            ConfigStore.instance().store(group=group, name=option, node=read_option(file))
+            ConfigStore.instance().store(group=group, name=option, node=read_yaml(file))
 
 
 def _register_cameras(words: Sequence[str], folders: Sequence[Path]) -> None:
     """Every pair of a view and a rendering is an option of the group ``cams``.
 
-    A config has every view and rendering, but for views in a folder below ``view``: it has those
-    that a word names. An experiment may have ``views`` of its own.
+    A config has every view and rendering. A view in a folder below ``view`` is there only if a word
+    names it. An experiment may have ``views`` of its own.
     """
     store = ConfigStore.instance()
     views, renderings = (names(folders, group) for group in ("view", "rendering"))
@@ -141,7 +141,7 @@ def _register_cameras(words: Sequence[str], folders: Sequence[Path]) -> None:
     defaults += [{f"view@views.{name}": f"{folder[name]}/{name}"} for name in sorted(seen)]
     store.store(name="views_and_renderings", node={"defaults": defaults})
     experiments = [
-        read_option(file)
+        read_yaml(file)
         for name in typed(words, "experiment")
         for file in _files(folders, f"experiment/{name}.yaml")
     ]
@@ -153,7 +153,7 @@ def _register_cameras(words: Sequence[str], folders: Sequence[Path]) -> None:
         node: dict[str, Any] = {CAMERAS: {name: {"view": view, "rendering": rendering}}}
         if view in apart:
             # An option may stand for several cameras, such as stereo, which no word names.
-            node["views"] = {view: read_option(apart[view])}
+            node["views"] = {view: read_yaml(apart[view])}
         store.store(group="cams", name=name, node=node, package="_global_")
 
 
@@ -165,7 +165,7 @@ def _task_of(option: str, folders: Sequence[Path]) -> str:
     name = option.partition("/")[0]
     if _files(folders, f"episode/{name}.yaml"):
         return name
-    return str(read_option(folders[0] / "task/standard.yaml")["name"])
+    return str(read_yaml(folders[0] / "task/standard.yaml")["name"])
 
 
 def variants(task: str, folders: Sequence[Path]) -> list[str]:
@@ -185,9 +185,3 @@ def names(folders: Iterable[Path], group: str) -> list[str]:
 
 def _files(folders: Iterable[Path], pattern: str) -> list[Path]:
     return [file for folder in folders for file in sorted(folder.glob(pattern))]
-
-
-def read_option(file: Path) -> dict[str, Any]:
-    """An option's values; ``ValueError`` names a file that is no mapping in YAML."""
-    with named(file):
-        return read_yaml(file)

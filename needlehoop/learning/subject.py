@@ -1,4 +1,4 @@
-"""Finds a controller and its environment: a run's policy, or a script."""
+"""A run's policy as a controller, and its environment with some settings changed."""
 
 from __future__ import annotations
 
@@ -11,38 +11,12 @@ import torch
 
 from needlehoop import rewards
 from needlehoop.config.changing import changed
-from needlehoop.config.strict import check_names
-from needlehoop.disturbances.axes import Disturb
-from needlehoop.envs.controllers import MakeController, by_name, controllers
-from needlehoop.envs.settings import Settings, compose_settings, import_trusted_task
+from needlehoop.envs.controllers import MakeController
+from needlehoop.envs.settings import Settings, import_trusted_task
 from needlehoop.learning.evaluate import acting, check_seed, load_agent, which_policy
 from needlehoop.learning.job import Job, checked_job
 from needlehoop.learning.networks import check_same
 from needlehoop.runs.run import Run
-
-
-def subject(
-    name: str, words: Iterable[str], seed: int | None, device: torch.device, trust: bool
-) -> tuple[Settings, MakeController]:
-    """Find the controller that is meant, and its environment, undisturbed.
-
-    Args:
-        name: a run's folder, or the name of a scripted controller.
-        words: settings of the environment; of a run, only those to be changed.
-        seed: of the episodes; ``None``: of the final evaluation.
-        trust: whether Python code that a run's files name may run.
-
-    Raises:
-        ValueError: no such controller, or settings that do not fit.
-    """
-    path = Path(name)
-    if path.is_dir():
-        settings, make = of_run(path, words, seed, device, trust, "stress")
-        return replace(settings, disturb=Disturb()), make
-    # As in a run's final evaluation by default.
-    settings = compose_settings([*words, f"seed={1_000_001 if seed is None else seed}"])
-    check_names("a run's folder or controller", [name], controllers(settings))
-    return replace(settings, cams=()), by_name(name)
 
 
 def of_run(
@@ -54,10 +28,17 @@ def of_run(
     command: str,
     later: int = 0,
 ) -> tuple[Settings, MakeController]:
-    """A run's environment on episodes that it was not trained on, and its agent; see ``subject``.
+    """A run's environment on episodes that it was not trained on, and its agent.
 
-    ``command``: for the error about an unknown key, which lists the command's keys too. ``later``:
-    added to the seed of the final evaluation, if none is given.
+    Args:
+        folder: the run's.
+        words: settings of the environment to be changed.
+        seed: of the episodes; ``None``: of the final evaluation, plus ``later``.
+        trust: whether Python code that the run's files name may run.
+        command: for the error about an unknown key, which lists the command's keys too.
+
+    Raises:
+        ValueError: no such run, or settings that its agent could not act under.
     """
     run = Run.open(folder)
     job, _ = flown_job(run.config(), words, trust, command)

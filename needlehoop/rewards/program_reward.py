@@ -14,7 +14,7 @@ from needlehoop.config import strict
 from needlehoop.config.strict import Count, Names, OneOf, Positive, Real
 from needlehoop.rewards.language.program import Program, ProgramError, compile_program
 from needlehoop.rewards.terms import check_finite, potential
-from needlehoop.runs.reading import named, read_text
+from needlehoop.runs.reading import UnreadableError, read_text
 from needlehoop.runs.shipped import RECORDINGS
 
 if TYPE_CHECKING:
@@ -146,8 +146,10 @@ def is_recorded(config: Mapping[str, Any]) -> bool:
 
 def read(path: Path) -> Source:
     """The program in a file; ``ValueError`` if it can't be read."""
-    with named(f"reward.path: {str(path)!r}"):
+    try:
         return Source(read_text(path), str(path))
+    except UnreadableError as error:
+        raise ValueError(f"reward.path: {error}") from error
 
 
 def scaled(source: Source, unit: float | None, key: str) -> Source:

@@ -117,7 +117,8 @@ def new_folder(out: Path, overwrite: bool) -> Iterator[Path]:
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Replace a file in one step, once all of it is on the disk."""
+    """Replace a file in one step, once all of it is on the disk; its folder is made."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(path.name + ".partial")
     try:
         with partial.open("wb") as file:

@@ -22,11 +22,6 @@ _PACKAGES = ("needlehoop", "torch", "torchrl", "tensordict", "mujoco", "mujoco-w
 _PACKAGES += ("dm_control", "hydra-core")
 
 
-def machine() -> str:
-    """The machine in words, for reports."""
-    return f"{platform.processor() or platform.machine()}, {available_cpus()} CPUs"
-
-
 def available_cpus() -> int:
     """CPUs that this process may run on: a Slurm job's share, not the machine's."""
     if hasattr(os, "sched_getaffinity"):

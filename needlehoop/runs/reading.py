@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,16 +18,7 @@ _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 
 class UnreadableError(ValueError):
-    """A file that cannot be read; the message says why, without the file's name."""
-
-
-@contextmanager
-def named(file: Any) -> Iterator[None]:
-    """Turns an ``UnreadableError`` into a ``ValueError`` that names the file."""
-    try:
-        yield
-    except UnreadableError as error:
-        raise ValueError(f"{file} {error}") from error
+    """A file that cannot be read; the message names it and says why."""
 
 
 def read_text(path: Path) -> str:
@@ -36,11 +26,11 @@ def read_text(path: Path) -> str:
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
-        raise UnreadableError(f"can't be read: {error.strerror}") from error
+        raise UnreadableError(f"{path} can't be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise UnreadableError("is no text") from error
+        raise UnreadableError(f"{path} is no text") from error
     if not text.strip():
-        raise UnreadableError("is empty")
+        raise UnreadableError(f"{path} is empty")
     return text
 
 
@@ -59,9 +49,9 @@ def _read(path: Path, parse: Callable[[str], Any], kind: str) -> dict[str, Any]:
     try:
         values = parse(text)
     except (json.JSONDecodeError, yaml.YAMLError) as error:
-        raise UnreadableError(f"is no {kind}, or cut off") from error
+        raise UnreadableError(f"{path} is no {kind}, or cut off") from error
     if not isinstance(values, dict):
-        raise UnreadableError("holds no keys")
+        raise UnreadableError(f"{path} holds no keys")
     return values
 
 

@@ -25,7 +25,7 @@ from needlehoop.runs.files import (
     write_whole,
 )
 from needlehoop.runs.machine import provenance
-from needlehoop.runs.reading import named, read_json, read_yaml
+from needlehoop.runs.reading import read_json, read_yaml
 
 _TABLES = (METRICS, EVALUATIONS)
 
@@ -38,7 +38,6 @@ class Run:
 
     def __init__(self, folder: Path):
         self.folder = folder
-        self._config: dict[str, Any] | None = None
         self._former: Path | None = None
         self._is_new = False
         # The tables are cut back to these sizes before the next row.
@@ -91,17 +90,12 @@ class Run:
 
     def config(self) -> dict[str, Any]:
         """The composed config that the run began with; ``ValueError`` if the file is damaged."""
-        if self._config is None:
-            path = self.folder / CONFIG
-            with named(path):
-                self._config = read_yaml(path)
-        return self._config
+        return read_yaml(self.folder / CONFIG)
 
     def manifest(self) -> dict[str, Any]:
         """Versions, commit, machine, times; empty if there is none, ``ValueError`` if damaged."""
         path = self.folder / MANIFEST
-        with named(path):
-            return read_json(path) if path.exists() else {}
+        return read_json(path) if path.exists() else {}
 
     def note(self, **facts: Any) -> None:
         """Add to the manifest."""
@@ -142,7 +136,9 @@ class Run:
         """Write the checkpoint, whole or not at all, with the bytes of each table."""
         self._cut_back()
         sizes = {name: self._size(name) for name in _TABLES}
-        write_checkpoint(self.folder / CHECKPOINT, {**state, "tables": sizes})
+        buffer = io.BytesIO()
+        torch.save({**state, "tables": sizes}, buffer)
+        write_whole(self.folder / CHECKPOINT, buffer.getvalue())
 
     def checkpoint(self) -> dict[str, Any]:
         """The last checkpoint, on the CPU; a foreign file can't run anything here.
@@ -192,7 +188,6 @@ class Run:
         Its name may begin with that of a folder in the run's, which is made.
         """
         path = self.folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
         if not (path.exists() and path.read_bytes() == text.encode()):
             write_whole(self.vacate(name), text)
         return path
@@ -209,10 +204,3 @@ def _cell(value: Any) -> Any:
     if value is None or value != value:
         return ""
     return format(value, ".9g") if isinstance(value, float) else value
-
-
-def write_checkpoint(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a file, whole or not at all."""
-    buffer = io.BytesIO()
-    torch.save(content, buffer)
-    write_whole(path, buffer.getvalue())

@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element
 import mujoco
 import numpy as np
 
-from needlehoop.runs.files import new_folder
+from needlehoop.runs.files import new_folder, write_whole
 
 _MESHES = "assets"
 """Folder of the meshes, beside the MJCF."""
@@ -52,8 +52,7 @@ def write_folder(out: Path, files: Mapping[str, str], overwrite: bool) -> None:
         )
     with new_folder(out, overwrite) as folder:
         for name, text in files.items():
-            (folder / name).parent.mkdir(exist_ok=True)
-            (folder / name).write_text(text, "utf-8")
+            write_whole(folder / name, text)
 
 
 def mjcf(spec: mujoco.MjSpec, name: str) -> dict[str, str]:

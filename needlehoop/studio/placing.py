@@ -70,7 +70,6 @@ def save(view: View, name: str, folder: str, overwrite: bool) -> Path:
     entries = {k: list(v) if isinstance(v, tuple) else v for k, v in view.given.items()}
     # Lists in one line each.
     text = yaml.safe_dump(entries, default_flow_style=None, sort_keys=False)
-    path.parent.mkdir(parents=True, exist_ok=True)
     head = "# Placed with needlehoop studio.\n# Lengths in m, angles in degrees: docs/cameras.md.\n"
     write_whole(path, head + text)
     return path

@@ -31,7 +31,7 @@ from needlehoop.vlm.writing import ProgramRules, program_rules
 
 _OF_NO_CONSEQUENCE = {
     *("results", "logger", "wandb", "checkpoint_every", "weights"),
-    # They are compared by what is in them.
+    # ``_deciding`` compares their values one by one.
     *("env", "engine"),
 }
 """Settings that may change when a run goes on: they do not affect its results."""

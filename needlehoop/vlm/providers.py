@@ -250,7 +250,6 @@ class Manual:
 
 def write_request(request: Request, place: Path) -> None:
     """``schema.json``, pictures ``01.png``, … and, last, ``request.md``, in a folder made here."""
-    place.mkdir(parents=True, exist_ok=True)
     # The pictures of all turns are numbered through.
     numbers = count(1)
 

@@ -166,7 +166,6 @@ class Record:
         """Keep a picture as ``images/<hash>.png``, once; its hash."""
         path = self.folder / IMAGES / f"{picture.sha256}.png"
         if not path.exists():
-            path.parent.mkdir(parents=True, exist_ok=True)
             write_whole(path, picture.png)
         return path.stem
 

@@ -105,7 +105,7 @@ def test_a_bad_file_or_value_is_refused_by_name(place, tmp_path):
     file = tmp_path / "mine.txt"
     for text, words, message in (
         (b"reward = gaol", [], "mine.txt, line 1, column 10: 'gaol' is unknown"),
-        (b"reward = 1", ["reward.path=none.txt"], "reward.path: 'none.txt' can't be read: No such"),
+        (b"reward = 1", ["reward.path=none.txt"], "reward.path: none.txt can't be read: No such"),
         (b"reward = 1", ["reward.clip=[3,1]"], "reward.clip: 3 must be below 1"),
         (b"reward = 1", ["+reward.bonus=1"], "unknown key bonus; its keys are"),
         (b"reward = 9", ["reward.unit=0.1"], "reward.unit: mine.txt has no line such as unit"),

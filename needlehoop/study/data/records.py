@@ -145,7 +145,8 @@ def _record(folder: Path) -> Record:
         try:
             return of(path)
         except (OSError, ValueError) as error:
-            raise ValueError(f"{name}: {' '.join(str(error).split())}") from error
+            reason = str(error).removeprefix(str(path))
+            raise ValueError(f"{name}: {' '.join(reason.split())}") from error
 
     config, manifest = read(files.CONFIG, read_yaml), read(files.MANIFEST, read_json)
     keys = ("cams", "obs", "algo", "seed", "steps", "num_envs")

@@ -76,8 +76,7 @@ def write_page(
         title=title, sections=[*sections, Section("This page", text=command)], opening=opening,
         inline=inline, address=address,
     )  # fmt: skip
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(page, encoding="utf-8")
+    files.write_whole(out, page)
 
 
 def inline(path: Path) -> str:
