@@ -20,13 +20,14 @@ from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torchrl.collectors import Collector, MultiSyncCollector
-from torchrl.envs import Compose, EnvBase, TransformedEnv
+from torchrl.envs import Compose, EnvBase, TransformedEnv, UnaryTransform
 
 from needlehoop import rewards
 from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.learning.algorithm_config import DaggerConfig, PpoConfig
+from needlehoop.learning.encoder import Fold
 from needlehoop.learning.job import Job
-from needlehoop.learning.transforms import Carry, FoldPixels, Teacher
+from needlehoop.learning.transforms import Carry, Teacher
 from needlehoop.tasks import registry
 
 
@@ -61,7 +62,9 @@ class MakeEnv:
         )
         stagger = isinstance(algo, PpoConfig)
         base = TorchRLEnv(settings, self._first, stagger, job.steps // env.num_envs)
-        changes: list[Any] = [FoldPixels(job.encoder.stem, list(env.image_channels)), Carry()]
+        images: Any = [("pixels", name) for name in env.image_channels]
+        fold = UnaryTransform(images, images, fn=Fold(job.encoder.stem))
+        changes: list[Any] = [fold, Carry()]
         if isinstance(algo, DaggerConfig):
             changes.append(Teacher(settings, algo.noise, algo.handover, seed))
         return TransformedEnv(base, Compose(*changes))
