@@ -58,7 +58,7 @@ class Sensors:
         self._size = wp.vec2i(width, height)
         shape, generator = (num_envs, len(views)), np.random.default_rng(0)
         kind: Any = Flaw
-        warp = warp_device.warp_name(device)
+        warp = wp.device_from_torch(device)
         self._host_flaws = wp.zeros(shape, dtype=kind, device="cpu")
         self._flaws = wp.zeros(shape, dtype=kind, device=warp)
         self._fields: Any = self._host_flaws.numpy()

@@ -190,7 +190,7 @@ class WarpEngine(Engine):
         before = {name: self.read(name).clone() for name in self._state}
         torch.cuda.synchronize(self.device)
         # In a stream of Warp's, because torch's default one cannot be captured.
-        with wp.ScopedDevice(warp_device.warp_name(self.device)):
+        with wp.ScopedDevice(wp.device_from_torch(self.device)):
             # Compiles every kernel; nothing may compile in a capture.
             self._launch(what)
             with wp.ScopedCapture() as capture:
