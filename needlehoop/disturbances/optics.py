@@ -91,11 +91,6 @@ def moved(drawn: Mapping[str, Drawn]) -> Moved:
     )
 
 
-def lamps(direction: Tensor, turn: Tensor) -> Tensor:
-    """Where lamps shine ``(n, lamps, 3)``, turned by ``(n, 3, 3)``."""
-    return (turn[:, None] @ direction.double()[..., None])[..., 0]
-
-
 def looks(drawn: Mapping[str, Drawn], things: Tensor) -> dict[str, Tensor]:
     """Colours and light, as ``OPTICS`` has them; ``things``: of each geom ``(ngeom,)``."""
     texture = drawn["scene.texture"]
