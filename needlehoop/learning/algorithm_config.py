@@ -27,6 +27,13 @@ class AlgorithmConfig:
     learning_rate: Annotated[float, Range(0.0, 10.0, above=True)]
     network: HeadConfig
 
+    def __post_init__(self) -> None:
+        # The others train the mean before the tanh, and would act after it.
+        if self.network.squash != (self.kind == SAC):
+            raise ValueError(
+                "algo.network.squash: algo=sac alone squashes actions, and always does"
+            )
+
 
 @dataclass(frozen=True, kw_only=True)
 class PpoConfig(AlgorithmConfig):
@@ -91,10 +98,6 @@ class SacConfig(MemoryConfig):
     """Share of the way that the targets follow after each minibatch."""
     alpha: Positive
     """Weight of the entropy at the start; it is learnt."""
-
-    def __post_init__(self) -> None:
-        if not self.network.squash:
-            raise ValueError("algo.network.squash: SAC's actions are squashed; choose true")
 
 
 CONFIGS = {PPO: PpoConfig, DAGGER: DaggerConfig, SAC: SacConfig}

@@ -30,7 +30,7 @@ class HeadConfig:
     """The value function reads them and the policy does not; ``None``: the
     task's choice."""
     squash: bool = False
-    """Whether a tanh keeps actions within their range."""
+    """Whether a tanh keeps actions within their range; ``algo=sac`` alone takes it."""
 
 
 class Normalizer(nn.Module):
