@@ -18,7 +18,7 @@ from needlehoop.engines.warp_device import start_warp
 from needlehoop.scene.image_size import ImageSize, sides
 
 _PERIOD = 2**18
-"""Places in the tables of noise at which an image's may begin."""
+"""Number of offsets in the noise tables at which an image's noise may start."""
 
 Spoiler = Callable[[str, Frame, slice], None]
 """Changes a view's frames in place; the slice says which rows of a batch they are."""

@@ -1,4 +1,4 @@
-"""Engines: physics and cameras of ``n`` copies of one scene; what each gives, and the default one.
+"""The interface of engines, which step and draw n copies of one scene, and the default engine.
 
 An engine holds no task logic. ``Simulation`` drives it: commands in, sensor data out.
 """

@@ -21,8 +21,7 @@ class AlgorithmConfig:
     horizon: Annotated[int, Range(1, 100_000)]
     """Steps of each environment per buffer; of PPO also those that an advantage looks ahead."""
     buffer: Count | None = None
-    """Steps of all environments that are collected before they are learnt from; ``None``: one
-    horizon of each."""
+    """Steps in a buffer, over all environments; ``None``: ``num_envs * horizon``."""
     minibatch: Count
     learning_rate: Annotated[float, Range(0.0, 10.0, above=True)]
     network: HeadConfig

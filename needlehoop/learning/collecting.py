@@ -113,8 +113,11 @@ def collector_of(job: Job, policy: TensorDictModuleBase, device: torch.device) -
     )
 
 
-def flown_again(job: Job, flown: Tensor) -> Iterator[TensorDictBase]:
-    """Earlier buffers again, from their actions ``(buffers, num_envs, horizon, size)``."""
+def replayed(job: Job, flown: Tensor) -> Iterator[TensorDictBase]:
+    """Collects earlier buffers once more, by replaying their actions.
+
+    ``flown``: the actions ``(buffers, num_envs, horizon, size)``.
+    """
     env = MakeEnv(job, 0, job.env.num_envs, job.env.engine.cpus)()
     now = env.reset()
     for actions in flown:

@@ -17,7 +17,7 @@ LABEL = "label"
 """Key of the expert's action ``(n, action_size)``, which the policy is to learn."""
 
 EXPERT = "expert"
-"""Key of the same with noise, which the expert flies and then corrects."""
+"""Key of the expert's action with noise added; what is carried out in the expert's episodes."""
 
 LEARNER = "learner"
 """Key of whether the learner acts in this episode ``(n, 1)``, or else the expert."""
