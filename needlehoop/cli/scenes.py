@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,6 +11,7 @@ from needlehoop.cli.command import KEYS, beside_a_run, command, environment, new
 from needlehoop.config.options import part, typed, variants
 from needlehoop.config.strict import Amount, OneOf, Pixels, Range
 from needlehoop.runs.files import write_whole
+from needlehoop.runs.machine import needed
 from needlehoop.runs.shipped import AGENT, CONF
 
 Levels = dict[str, dict[str, tuple[Amount, ...]]]
@@ -144,8 +144,7 @@ def studio(options: argparse.Namespace) -> None:
 
     The page is http://127.0.0.1:8080. Views are saved into conf_dir=. Ctrl-C ends it.
     """
-    if find_spec("viser") is None:
-        raise ValueError("studio needs viser: pip install 'needlehoop[studio]'")
+    needed("viser", "studio", "studio")
     kinds: dict[str, Any] = {"host": str, "port": Annotated[int, Range(0, 65_535)], "results": str}
     kinds |= {"run": str | None, "size": Pixels, "levels": Levels}
     keys, words = beside_a_run(options, "studio", **kinds)

@@ -28,6 +28,7 @@ from needlehoop.learning.algorithm_config import DaggerConfig, PpoConfig
 from needlehoop.learning.encoder import Fold
 from needlehoop.learning.job import Job
 from needlehoop.learning.transforms import Carry, Teacher
+from needlehoop.runs.machine import needed
 from needlehoop.tasks import registry
 
 
@@ -157,13 +158,9 @@ class RayBuffers:
     ):
         # Ray would start a second cluster where a process ends before its collector.
         os.environ.setdefault("RAY_ENABLE_AUTO_CONNECT", "0")
-        try:
-            import ray
-            from torchrl.collectors.distributed import RayCollector
-        except ImportError as error:
-            raise ValueError(
-                "collector: ray is not installed: pip install 'needlehoop[ray]'"
-            ) from error
+        ray = needed("ray", "collector=ray", "ray")
+        from torchrl.collectors.distributed import RayCollector
+
         count = len(makers)
         if not ray.is_initialized():
             here = None if "RAY_ADDRESS" in os.environ else count

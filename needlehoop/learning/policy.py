@@ -14,7 +14,6 @@ import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
-from importlib import import_module
 from pathlib import Path
 from textwrap import shorten
 from typing import Any
@@ -28,6 +27,7 @@ from torch import Tensor, nn
 from needlehoop.config import strict
 from needlehoop.learning.networks import Actor, PolicySpec
 from needlehoop.runs.files import write_whole
+from needlehoop.runs.machine import needed
 
 PRECISION = "fp32"
 """What a policy in an ONNX file computes in, because few runtimes have bfloat16 on a CPU."""
@@ -203,12 +203,7 @@ def onnx_bytes(spec: PolicySpec, actor: Actor) -> bytes:
     and ``privileged_facts`` where it had them, float32 ``(n, length)``; its output is ``action``,
     float32 ``(n, action_size)``. Under ``needlehoop`` its metadata have the run's environment.
     """
-    try:
-        import_module("onnxscript")
-    except ImportError as error:
-        raise RuntimeError(
-            f"what=policy needs {error.name}; install it with: pip install 'needlehoop[onnx]'"
-        ) from error
+    needed("onnxscript", "what=policy", "onnx")
     example = {
         **{name: torch.zeros(2, *s, dtype=torch.uint8) for name, s in spec.images.items()},
         **{name: torch.zeros(2, length) for name, length in spec.vectors.items()},
