@@ -182,12 +182,13 @@ class Actor(nn.Module):
         self.fold, self.trunk, self.head = Fold(spec.encoder.stem), trunk, Gaussian(spec)
 
     def forward(self, *observed: Tensor, noise: Tensor | None = None) -> Tensor:
-        """Actions ``(..., action_size)`` of images ``(..., c, h, w)`` uint8, then vectors.
+        """Actions ``(..., action_size)`` in [-1, 1], of images ``(..., c, h, w)`` uint8, vectors.
 
         ``noise``: standard normal, to draw the actions as in training; ``None``: the mean.
         """
         images, vectors = observed[: self._images], observed[self._images :]
-        return self.head.act(self.trunk(*(self.fold(image) for image in images), *vectors), noise)
+        hidden = self.trunk(*(self.fold(image) for image in images), *vectors)
+        return self.head.act(hidden, noise).clamp(-1.0, 1.0)
 
 
 class Agent(nn.Module):

@@ -22,7 +22,7 @@ import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save
-from torch import Tensor, nn
+from torch import Tensor
 
 from needlehoop.config import strict
 from needlehoop.learning.networks import Actor, PolicySpec
@@ -164,7 +164,7 @@ class Policy:
             value = value if isinstance(value, Tensor) else torch.from_numpy(np.array(value))
             fits = self._image if name in self._images else self._vector
             seen.append(fits(name, value).to(self._device))
-        action = self._actor(*seen).clamp(-1.0, 1.0)
+        action = self._actor(*seen)
         return action.to(inputs[needed[0]].device) if is_torch else action.cpu().numpy()
 
     def _image(self, name: str, image: Tensor) -> Tensor:
@@ -185,17 +185,6 @@ class Policy:
         return vector.float()
 
 
-class _Clamped(nn.Module):
-    """A policy whose actions are clamped to [-1, 1]."""
-
-    def __init__(self, actor: Actor):
-        super().__init__()
-        self.actor = actor
-
-    def forward(self, *observed: Tensor) -> Tensor:
-        return self.actor(*observed).clamp(-1.0, 1.0)
-
-
 def onnx_bytes(spec: PolicySpec, actor: Actor) -> bytes:
     """The content of an ONNX file of a policy on the CPU, in ``PRECISION``. Extra ``onnx``.
 
@@ -214,7 +203,7 @@ def onnx_bytes(spec: PolicySpec, actor: Actor) -> bytes:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         program: Any = torch.onnx.export(
-            _Clamped(actor).eval(),
+            actor.eval(),
             tuple(example.values()),
             input_names=[*example],
             output_names=["action"],
