@@ -21,7 +21,7 @@ _PERIOD = 2**18
 """Number of offsets in the noise tables at which an image's noise may start."""
 
 Spoiler = Callable[[str, Frame, slice], None]
-"""Changes a view's frames in place; the slice says which rows of a batch they are."""
+"""Changes a view's contiguous frames in place; the slice says which rows of a batch they are."""
 
 
 def flaws(drawn: Mapping[str, Drawn]) -> dict[str, Tensor]:
@@ -97,21 +97,16 @@ class Sensors:
         envs = ids.int()
 
         def run(view: str, frame: Frame, part: slice) -> None:
-            channels = [one if one is None else one.contiguous() for one in frame]
             scratch = torch.empty(self._room, device=self._device)
             inputs = [
                 *(wp.from_torch(envs), part.start, self._views.index(view), self._flaws),
                 wp.from_torch(self._starts, dtype=wp.vec3i),
                 *(self._normal.data_ptr(), self._uniform.data_ptr()),
                 *(scratch.data_ptr(), self._stride),
-                *(0 if one is None else one.data_ptr() for one in channels),
+                *(0 if one is None else one.data_ptr() for one in frame),
                 self._size,
             ]
             with warp_device.on(self._device):
                 wp.launch(spoil, dim=part.stop - part.start, inputs=inputs)
-            # The tracer's frames are not contiguous, so they were copied.
-            for target, source in zip(frame, channels, strict=True):
-                if target is not None and source is not None and source is not target:
-                    target.copy_(source)
 
         return run
