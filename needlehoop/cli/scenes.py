@@ -120,15 +120,15 @@ def _scene(settings: Any) -> Any:
     """The scene with every camera; ``home`` is the nominal start of an episode."""
     import torch
 
-    from needlehoop.engines.engine import Addresses
+    from needlehoop.engines.engine import state_of
     from needlehoop.envs.build import scene_spec
     from needlehoop.tasks.start import NUMBERS, Chance
 
-    spec = scene_spec(settings)
-    task = settings.definition
+    spec, task = scene_spec(settings), settings.definition
+    model = spec.compile()
     middle = torch.full((1, NUMBERS), 0.5, dtype=torch.float64)
     begun = task.start(settings.task, Chance(middle))
-    state = Addresses(spec.compile(), task.robot).state(begun)
+    state = state_of(begun, model, task.robot.poser(model))
     qpos, mocap, ctrl = (state[name][0] for name in ("qpos", "mocap_pos", "ctrl"))
     spec.add_key(name="home", qpos=qpos, ctrl=ctrl, mpos=mocap.ravel())
     return spec

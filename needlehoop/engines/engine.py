@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ctypes
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import EllipsisType
 from typing import Any
 
@@ -31,33 +31,22 @@ STATE = ("time", "qpos", "qvel", "qacc_warmstart", "ctrl", "mocap_pos", "mocap_q
 Index = int | slice | EllipsisType
 
 
-class Addresses:
-    """Where a ``Start`` goes in the state of a compiled scene."""
+def state_of(
+    start: Start, model: mujoco.MjModel, pose: Callable[[np.ndarray, Start], None]
+) -> dict[str, np.ndarray]:
+    """``qpos`` ``(k, nq)``, ``mocap_pos`` ``(k, nmocap, 3)`` and ``ctrl`` ``(k, nu)`` of starts.
 
-    def __init__(self, model: mujoco.MjModel, robot: Robot):
-        self._qpos0, self._nmocap = model.qpos0.copy(), model.nmocap
-        self._pose = robot.poser(model)
-        joints = (model.joint(i) for i in range(model.njnt))
-        free = int(mujoco.mjtJoint.mjJNT_FREE)
-        self._free = {one.name: int(one.qposadr[0]) for one in joints if one.type[0] == free}
-        bodies = (model.body(i) for i in range(model.nbody))
-        self._mocap = {one.name: int(one.mocapid[0]) for one in bodies if one.mocapid[0] >= 0}
-        weld = int(mujoco.mjtEq.mjEQ_WELD)
-        equalities = (model.equality(i) for i in range(model.neq))
-        self.welds = {one.name: one.id for one in equalities if one.type[0] == weld and one.name}
-        """Index of each weld that a task may switch."""
-
-    def state(self, start: Start) -> dict[str, np.ndarray]:
-        """``qpos`` ``(k, nq)``, ``mocap_pos`` ``(k, nmocap, 3)`` and ``ctrl`` ``(k, nu)``."""
-        qpos = np.tile(self._qpos0, (len(start), 1))
-        self._pose(qpos, start)
-        for name, pose in start.free.items():
-            at = self._free[name]
-            qpos[:, at : at + 7] = pose.numpy()
-        mocap = np.zeros((len(start), self._nmocap, 3))
-        for name, place in start.mocap.items():
-            mocap[:, self._mocap[name]] = place.numpy()
-        return {"qpos": qpos, "mocap_pos": mocap, "ctrl": start.control.numpy()}
+    ``pose``: the robot's ``poser`` of this model.
+    """
+    qpos = np.tile(model.qpos0, (len(start), 1))
+    pose(qpos, start)
+    for name, place in start.free.items():
+        at = model.joint(name).qposadr[0]
+        qpos[:, at : at + 7] = place.numpy()
+    mocap = np.zeros((len(start), model.nmocap, 3))
+    for name, place in start.mocap.items():
+        mocap[:, model.body(name).mocapid[0]] = place.numpy()
+    return {"qpos": qpos, "mocap_pos": mocap, "ctrl": start.control.numpy()}
 
 
 @ctypes.CFUNCTYPE(None, ctypes.c_char_p)
@@ -92,8 +81,9 @@ class Engine(ABC):
         silence_mujoco()
         self.num_envs, self.model = num_envs, model
         self._substeps, self._threads = substeps, config.cpus
-        self._addresses = Addresses(model, robot)
-        self._state = (*STATE, "eq_data") if self._addresses.welds else STATE
+        self._pose = robot.poser(model)
+        has_welds = bool((model.eq_type == mujoco.mjtEq.mjEQ_WELD).any())
+        self._state = (*STATE, "eq_data") if has_welds else STATE
 
     @abstractmethod
     def reset(self, ids: Tensor, start: Start) -> None:
@@ -186,7 +176,7 @@ class HostEngine(Engine):
     def reset(self, ids: Tensor, start: Start) -> None:
         rows = ids.numpy()
         self._clear(rows)
-        for name, value in self._addresses.state(start).items():
+        for name, value in state_of(start, self.model, self._pose).items():
             self.write(name, rows, value)
         self._forward(rows)
 
@@ -194,7 +184,7 @@ class HostEngine(Engine):
         for name, weld in welds.items():
             rows = weld.changed.nonzero().flatten().numpy()
             if len(rows):
-                at, pose = self._addresses.welds[name], weld.pose[weld.changed].numpy()
+                at, pose = self.model.equality(name).id, weld.pose[weld.changed].numpy()
                 # Anchor in the second body (its origin), the same point in the first one.
                 self.write("eq_data", rows, np.pad(pose, ((0, 0), (3, 0))), at, slice(10))
                 self.write("eq_active", rows, weld.active[weld.changed].numpy(), at)

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from needlehoop.engines import warp_device
 from needlehoop.engines.contract import Channels, EngineConfig
-from needlehoop.engines.engine import STATE, Engine
+from needlehoop.engines.engine import STATE, Engine, state_of
 from needlehoop.engines.rasteriser.renderer import ParallelRasteriser
 from needlehoop.engines.warp_device import start_warp
 from needlehoop.scene.image_size import ImageSize
@@ -86,7 +86,7 @@ class WarpEngine(Engine):
     def reset(self, ids: Tensor, start: Start) -> None:
         self._check_room()
         self._clear(ids)
-        for name, value in self._addresses.state(start).items():
+        for name, value in state_of(start, self.model, self._pose).items():
             here = self.read(name)
             here[ids] = torch.from_numpy(value).to(here)
         self._run("forward")
@@ -108,7 +108,7 @@ class WarpEngine(Engine):
     def weld(self, welds: Mapping[str, Weld]) -> None:
         # Every environment is written to: which of them change is known on the device alone.
         for name, weld in welds.items():
-            at = self._addresses.welds[name]
+            at = self.model.equality(name).id
             data, active = self.read("eq_data")[:, at], self.read("eq_active")[:, at]
             changed = data.clone()
             # Anchor in the second body (its origin), the same point in the first one.
