@@ -18,12 +18,11 @@ from torch import Tensor
 
 from needlehoop.engines import warp_device
 from needlehoop.engines.contract import Channels, EngineConfig
-from needlehoop.engines.engine import STATE, Engine, state_of
+from needlehoop.engines.engine import STATE, Engine, Index
 from needlehoop.engines.rasteriser.renderer import ParallelRasteriser
 from needlehoop.engines.warp_device import start_warp
 from needlehoop.scene.image_size import ImageSize
 from needlehoop.tasks.contract import Robot, Weld
-from needlehoop.tasks.start import Start
 
 _OWN = (
     *("eq_data", "geom_friction", "body_mass", "body_inertia", "body_subtreemass"),
@@ -83,14 +82,6 @@ class WarpEngine(Engine):
         if views:
             self._renderer = ParallelRasteriser(model, num_envs, views, size, self.device)
 
-    def reset(self, ids: Tensor, start: Start) -> None:
-        self._check_room()
-        self._clear(ids)
-        for name, value in state_of(start, self.model, self._pose).items():
-            here = self.read(name)
-            here[ids] = torch.from_numpy(value).to(here)
-        self._run("forward")
-
     def step(self, control: Tensor) -> None:
         self.read("ctrl").copy_(control)
         self._run("step")
@@ -127,25 +118,9 @@ class WarpEngine(Engine):
         self._check_room()
         return super().snapshot()
 
-    def restore(self, snapshot: dict[str, Tensor]) -> None:
-        for name in self._state:
-            self.read(name).copy_(snapshot[name])
-        self._run("forward")
-
-    def vary(self, ids: Tensor, friction: Tensor, mass: Tensor) -> None:
-        model = self.model
-        free = model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE].astype(np.int64)
-        heavier = torch.ones(len(ids), model.nbody, device=self.device)
-        heavier[:, torch.from_numpy(free).to(self.device)] = mass.float().unsqueeze(-1)
-        for name, factor in (
-            ("geom_friction", friction.float()[:, None, None]),
-            ("body_mass", heavier),
-            ("body_inertia", heavier.unsqueeze(-1)),
-        ):
-            here = self.read(name)
-            here[ids] = factor * torch.from_numpy(getattr(model, name)).to(here)
-        with warp_device.on(self.device):
-            mjw.set_const(self._m, self._d)
+    def write(self, name: str, ids: Tensor, value: Tensor, *at: Index) -> None:
+        here = self.read(name)
+        here[(ids, *at)] = value.to(here)
 
     def data(self, env: int) -> mujoco.MjData:
         found = mujoco.MjData(self.model)
@@ -160,10 +135,17 @@ class WarpEngine(Engine):
         return {name: torch.from_numpy(one).to(self.read(name)) for name, one in values.items()}
 
     def _clear(self, ids: Tensor) -> None:
-        """Put environments ``(k,)`` back to where the scene was compiled."""
+        self._check_room()
         self._broken[ids] = False
         for name, value in self._begin.items():
             self.read(name)[ids] = value
+
+    def _forward(self, ids: Tensor) -> None:
+        self._run("forward")
+
+    def _set_constants(self, ids: Tensor) -> None:
+        with warp_device.on(self.device):
+            mjw.set_const(self._m, self._d)
 
     def _check_room(self) -> None:
         # Over all steps so far: a bit that was set stays set.
