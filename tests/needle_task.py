@@ -9,7 +9,7 @@ import mujoco
 from torch import Tensor
 
 from needlehoop import rewards
-from needlehoop.engines.engine import Addresses
+from needlehoop.engines.engine import state_of
 from needlehoop.envs.build import scene_spec
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards.language import program
@@ -42,7 +42,7 @@ def spec_of(settings: Settings, psm: str) -> mujoco.MjSpec:
 def begun_data(model: mujoco.MjModel, begun: Start) -> mujoco.MjData:
     """A scene where an episode begins; nothing is forwarded."""
     data = mujoco.MjData(model)
-    for name, value in Addresses(model, TASK.robot).state(begun).items():
+    for name, value in state_of(begun, model, TASK.robot.poser(model)).items():
         getattr(data, name)[:] = value[0]
     return data
 

@@ -11,7 +11,7 @@ from needlehoop import rewards
 from needlehoop.config import strict
 from needlehoop.config.strict import Count, Seed
 from needlehoop.envs.settings import Settings, compose_settings
-from needlehoop.learning.evaluate import load_agent, told_policy, which_policy
+from needlehoop.learning.evaluate import load_agent, policy_in_words, which_policy
 from needlehoop.learning.job import checked_job, pick_device
 from needlehoop.learning.networks import Actor, PolicySpec
 from needlehoop.learning.policy import read_actor, read_spec
@@ -66,7 +66,7 @@ def actor_in(
     if where.is_dir():
         opened = Run(where)
         which, steps = which_policy(opened, policy)
-        weights, origin = where / POLICIES[which], f"{told_policy(which, steps)}, of {where}"
+        weights, origin = where / POLICIES[which], f"{policy_in_words(which, steps)}, of {where}"
         if not weights.exists():
             job = replace(checked_job(opened.config()), **other)
             return job.spec, load_agent(opened, job, chosen).actor, origin

@@ -6,7 +6,6 @@ import argparse
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +15,7 @@ from needlehoop.config.changing import parted
 from needlehoop.config.options import typed
 from needlehoop.config.strict import Count, Seed
 from needlehoop.runs.files import new_folder
-from needlehoop.runs.machine import provenance
+from needlehoop.runs.machine import needed, provenance
 
 if TYPE_CHECKING:
     from needlehoop.demonstrations.episodes import Demonstration
@@ -74,12 +73,8 @@ def _writer(name: str, dataset: str) -> Callable[..., None]:
     """What writes datasets of a format; ``dataset`` is the name of the folder."""
     extras = {"minari": "minari", "lerobot": "lerobot", "open_h": "lerobot"}
     strict.check_names("format", [name], [*extras])
-    try:
-        layout = import_module(f"needlehoop.demonstrations.{name}_layout")
-    except ModuleNotFoundError as error:
-        raise ValueError(
-            f"format={name} needs {error.name}: pip install 'needlehoop[{extras[name]}]'"
-        ) from error
+    place = f"needlehoop.demonstrations.{name}_layout"
+    layout = needed(place, f"format={name}", extras[name])
     if name == "minari" and not re.fullmatch(r"[\w.-]+-v\d+", dataset):
         raise ValueError(
             f"out: {dataset!r} is no name for Minari, which wants a version: such as smooth-v0"

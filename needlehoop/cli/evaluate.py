@@ -203,7 +203,13 @@ def _flown(
     changing.check(conditions, run.config(), command)
     import torch
 
-    from needlehoop.learning.evaluate import assess, load_agent, report, told_policy, which_policy
+    from needlehoop.learning.evaluate import (
+        assess,
+        load_agent,
+        policy_in_words,
+        report,
+        which_policy,
+    )
     from needlehoop.learning.job import pick_device
     from needlehoop.learning.subject import flown_job
 
@@ -217,7 +223,7 @@ def _flown(
     torch.set_num_threads(1)
     agent = load_agent(run, job, device, policy)
     result = {"steps_trained": steps, "policy": policy, **assess(agent, job, episodes, seed)}
-    lines = [f"run          {run.folder}", f"policy       {told_policy(policy, steps)}"]
+    lines = [f"run          {run.folder}", f"policy       {policy_in_words(policy, steps)}"]
     if changed:
         result["changed"] = changed
         lines.append(f"changed      {' '.join(conditions)}")

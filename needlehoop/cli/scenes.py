@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,6 +11,7 @@ from needlehoop.cli.command import KEYS, beside_a_run, command, environment, new
 from needlehoop.config.options import part, typed, variants
 from needlehoop.config.strict import Amount, OneOf, Pixels, Range
 from needlehoop.runs.files import write_whole
+from needlehoop.runs.machine import needed
 from needlehoop.runs.shipped import AGENT, CONF
 
 Levels = dict[str, dict[str, tuple[Amount, ...]]]
@@ -119,15 +119,15 @@ def _scene(settings: Any) -> Any:
     """The scene with every camera; ``home`` is the nominal start of an episode."""
     import torch
 
-    from needlehoop.engines.engine import Addresses
+    from needlehoop.engines.engine import state_of
     from needlehoop.envs.build import scene_spec
     from needlehoop.tasks.start import NUMBERS, Chance
 
-    spec = scene_spec(settings)
-    task = settings.definition
+    spec, task = scene_spec(settings), settings.definition
+    model = spec.compile()
     middle = torch.full((1, NUMBERS), 0.5, dtype=torch.float64)
     begun = task.start(settings.task, Chance(middle))
-    state = Addresses(spec.compile(), task.robot).state(begun)
+    state = state_of(begun, model, task.robot.poser(model))
     qpos, mocap, ctrl = (state[name][0] for name in ("qpos", "mocap_pos", "ctrl"))
     spec.add_key(name="home", qpos=qpos, ctrl=ctrl, mpos=mocap.ravel())
     return spec
@@ -143,8 +143,7 @@ def studio(options: argparse.Namespace) -> None:
 
     The page is http://127.0.0.1:8080. Views are saved into conf_dir=. Ctrl-C ends it.
     """
-    if find_spec("viser") is None:
-        raise ValueError("studio needs viser: pip install 'needlehoop[studio]'")
+    needed("viser", "studio", "studio")
     kinds: dict[str, Any] = {"host": str, "port": Annotated[int, Range(0, 65_535)], "results": str}
     kinds |= {"run": str | None, "size": Pixels, "levels": Levels}
     keys, words = beside_a_run(options, "studio", **kinds)

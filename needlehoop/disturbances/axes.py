@@ -147,13 +147,9 @@ def disturb_of(amounts: Mapping[str, float]) -> Disturb:
     return Disturb(**split)
 
 
-def _signed(bits: int) -> int:
-    """The int64 with the same 64 bits, because torch has no arithmetic of unsigned ones."""
-    return bits - (bits >> 63 << 64)
-
-
-_GOLDEN = _signed(0x9E3779B97F4A7C15)
-_FIRST, _SECOND = _signed(0xBF58476D1CE4E5B9), _signed(0x94D049BB133111EB)
+# The int64 with the same 64 bits, because torch has no arithmetic of unsigned ones.
+_GOLDEN = 0x9E3779B97F4A7C15 - 2**64
+_FIRST, _SECOND = 0xBF58476D1CE4E5B9 - 2**64, 0x94D049BB133111EB - 2**64
 
 
 def uniform(name: str, count: int, *keys: Tensor | int) -> Tensor:

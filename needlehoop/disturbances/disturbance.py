@@ -195,7 +195,8 @@ class Disturbance:
         if self._does("scene."):
             places = fields["geom_xpos"].reshape(n, -1, 3).clone()
             places[:, self._strange] = self._lying.to(places)
-            shining = optics.lamps(fields["light_xdir"].reshape(n, -1, 3), self._moved.lamp)
+            shining = fields["light_xdir"].reshape(n, -1, 3, 1).double()
+            shining = (self._moved.lamp[:, None] @ shining)[..., 0]
             drawn |= {"geom_xpos": places, "light_xdir": shining}
         if self._does(*(key for key in RASTERISED if key.startswith("scene."))):
             drawn |= optics.looks(self._drawn, self._things)

@@ -188,12 +188,6 @@ def _cover(
                     geom[row, column] = -1
 
 
-@wp.func
-def _after(table: wp.uint64, start: int) -> wp.uint64:
-    """Address of a number of a table."""
-    return table + wp.uint64(4 * start)
-
-
 @wp.kernel
 def spoil(
     envs: wp.array[int],
@@ -236,16 +230,17 @@ def spoil(
     more = flaw.gain - wp.vec3(1.0, 1.0, 1.0)
     graded = wp.dot(more, more) + wp.dot(flaw.bias, flaw.bias)
     if image.shape[0] > 0 and flaw.blur + graded + flaw.noise > 0.0:
-        grain = wp.array(ptr=_after(normal, start[0]), shape=(height, 4 * width), dtype=float)
+        grain = wp.array(
+            ptr=normal + wp.uint64(4 * start[0]), shape=(height, 4 * width), dtype=float
+        )
         address = scratch + wp.uint64(at) * wp.uint64(4 * stride)
         room = wp.array(ptr=address, shape=(height + SPARE, 4 * width + 2 * EDGE), dtype=float)
         _expose(image, flaw, grain, room)
     if depth.shape[0] > 0 and flaw.depth_noise + flaw.depth_step > 0.0:
-        _measure(
-            depth, flaw, wp.array(ptr=_after(normal, start[1]), shape=(height, width), dtype=float)
-        )
+        grain = wp.array(ptr=normal + wp.uint64(4 * start[1]), shape=(height, width), dtype=float)
+        _measure(depth, flaw, grain)
     if geom.shape[0] > 0 and flaw.flips > 0.0:
-        grain = wp.array(ptr=_after(uniform, start[2]), shape=(height, width), dtype=float)
+        grain = wp.array(ptr=uniform + wp.uint64(4 * start[2]), shape=(height, width), dtype=float)
         _flip(geom, flaw.flips, grain)
     if flaw.drop[0] > 0.0:
         _cover(flaw.drop, size, image, depth, geom)

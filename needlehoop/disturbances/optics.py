@@ -20,7 +20,7 @@ _NEAREST, _FURTHEST = 0.035, 0.085
 """Distances of strange objects from what the cameras look at, m."""
 
 _HEIGHT, _HIDDEN = 0.004, -1.0
-"""Of their middles above the table, m; of those that are not there, under it."""
+"""Height of an object's centre, m: if present, and if absent (hidden under the table)."""
 
 _KINDS = (
     (mujoco.mjtGeom.mjGEOM_BOX, (0.006, 0.004, 0.003), (0.75, 0.25, 0.20)),
@@ -89,11 +89,6 @@ def moved(drawn: Mapping[str, Drawn]) -> Moved:
         1.0 + drawn["camera.focal"].amount[..., 0],
         rotation(torch.deg2rad(drawn["scene.lamp"].amount)),
     )
-
-
-def lamps(direction: Tensor, turn: Tensor) -> Tensor:
-    """Where lamps shine ``(n, lamps, 3)``, turned by ``(n, 3, 3)``."""
-    return (turn[:, None] @ direction.double()[..., None])[..., 0]
 
 
 def looks(drawn: Mapping[str, Drawn], things: Tensor) -> dict[str, Tensor]:

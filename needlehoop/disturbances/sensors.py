@@ -18,10 +18,10 @@ from needlehoop.engines.warp_device import start_warp
 from needlehoop.scene.image_size import ImageSize, sides
 
 _PERIOD = 2**18
-"""Places in the tables of noise at which an image's may begin."""
+"""Number of offsets in the noise tables at which an image's noise may start."""
 
 Spoiler = Callable[[str, Frame, slice], None]
-"""Changes a view's frames in place; the slice says which rows of a batch they are."""
+"""Changes a view's contiguous frames in place; the slice says which rows of a batch they are."""
 
 
 def flaws(drawn: Mapping[str, Drawn]) -> dict[str, Tensor]:
@@ -58,7 +58,7 @@ class Sensors:
         self._size = wp.vec2i(width, height)
         shape, generator = (num_envs, len(views)), np.random.default_rng(0)
         kind: Any = Flaw
-        warp = warp_device.warp_name(device)
+        warp = wp.device_from_torch(device)
         self._host_flaws = wp.zeros(shape, dtype=kind, device="cpu")
         self._flaws = wp.zeros(shape, dtype=kind, device=warp)
         self._fields: Any = self._host_flaws.numpy()
@@ -97,21 +97,16 @@ class Sensors:
         envs = ids.int()
 
         def run(view: str, frame: Frame, part: slice) -> None:
-            channels = [one if one is None else one.contiguous() for one in frame]
             scratch = torch.empty(self._room, device=self._device)
             inputs = [
                 *(wp.from_torch(envs), part.start, self._views.index(view), self._flaws),
                 wp.from_torch(self._starts, dtype=wp.vec3i),
                 *(self._normal.data_ptr(), self._uniform.data_ptr()),
                 *(scratch.data_ptr(), self._stride),
-                *(0 if one is None else one.data_ptr() for one in channels),
+                *(0 if one is None else one.data_ptr() for one in frame),
                 self._size,
             ]
             with warp_device.on(self._device):
                 wp.launch(spoil, dim=part.stop - part.start, inputs=inputs)
-            # The tracer's frames are not contiguous, so they were copied.
-            for target, source in zip(frame, channels, strict=True):
-                if target is not None and source is not None and source is not target:
-                    target.copy_(source)
 
         return run

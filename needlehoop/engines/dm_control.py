@@ -60,28 +60,28 @@ class DmControlEngine(HostEngine):
         mujoco.mj_forward(self.physics[env].model.ptr, found)
         return found
 
-    def write(self, name: str, rows: np.ndarray, value: np.ndarray, *at: Index) -> None:
-        for env, new in zip(rows, value, strict=True):
+    def write(self, name: str, ids: Tensor, value: Tensor, *at: Index) -> None:
+        for env, new in zip(ids.tolist(), value.numpy(), strict=True):
             if name == "time":
                 self.physics[env].data.ptr.time = new
             else:
                 getattr(self._owner(env, name), name)[at or ...] = new
 
-    def _read(self, name: str) -> np.ndarray:
+    def read(self, name: str) -> Tensor:
         rows = [getattr(self._owner(env, name), name) for env in range(self.num_envs)]
         # As mujoco.batch has them.
-        return np.stack(rows).astype(np.float64, copy=False)
+        return torch.from_numpy(np.stack(rows).astype(np.float64, copy=False))
 
-    def _clear(self, rows: np.ndarray) -> None:
-        for env in rows:
+    def _clear(self, ids: Tensor) -> None:
+        for env in ids.tolist():
             self.physics[env].reset()
 
-    def _forward(self, rows: np.ndarray) -> None:
-        for env in rows:
+    def _forward(self, ids: Tensor) -> None:
+        for env in ids.tolist():
             self.physics[env].refresh()
 
-    def _set_constants(self, rows: np.ndarray) -> None:
-        for env in rows:
+    def _set_constants(self, ids: Tensor) -> None:
+        for env in ids.tolist():
             mujoco.mj_setConst(self.physics[env].model.ptr, self.physics[env].data.ptr)
 
     def _owner(self, env: int, name: str) -> Any:

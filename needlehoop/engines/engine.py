@@ -1,4 +1,4 @@
-"""Engines: physics and cameras of ``n`` copies of one scene; what each gives, and the default one.
+"""The interface of engines, which step and draw n copies of one scene, and the default engine.
 
 An engine holds no task logic. ``Simulation`` drives it: commands in, sensor data out.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ctypes
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import EllipsisType
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from mujoco.batch import DATA_FIELDS, Batch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame, Optics
 from needlehoop.engines.rasteriser.renderer import CpuRasteriser
@@ -31,33 +32,22 @@ STATE = ("time", "qpos", "qvel", "qacc_warmstart", "ctrl", "mocap_pos", "mocap_q
 Index = int | slice | EllipsisType
 
 
-class Addresses:
-    """Where a ``Start`` goes in the state of a compiled scene."""
+def state_of(
+    start: Start, model: mujoco.MjModel, pose: Callable[[np.ndarray, Start], None]
+) -> dict[str, np.ndarray]:
+    """``qpos`` ``(k, nq)``, ``mocap_pos`` ``(k, nmocap, 3)`` and ``ctrl`` ``(k, nu)`` of starts.
 
-    def __init__(self, model: mujoco.MjModel, robot: Robot):
-        self._qpos0, self._nmocap = model.qpos0.copy(), model.nmocap
-        self._pose = robot.poser(model)
-        joints = (model.joint(i) for i in range(model.njnt))
-        free = int(mujoco.mjtJoint.mjJNT_FREE)
-        self._free = {one.name: int(one.qposadr[0]) for one in joints if one.type[0] == free}
-        bodies = (model.body(i) for i in range(model.nbody))
-        self._mocap = {one.name: int(one.mocapid[0]) for one in bodies if one.mocapid[0] >= 0}
-        weld = int(mujoco.mjtEq.mjEQ_WELD)
-        equalities = (model.equality(i) for i in range(model.neq))
-        self.welds = {one.name: one.id for one in equalities if one.type[0] == weld and one.name}
-        """Index of each weld that a task may switch."""
-
-    def state(self, start: Start) -> dict[str, np.ndarray]:
-        """``qpos`` ``(k, nq)``, ``mocap_pos`` ``(k, nmocap, 3)`` and ``ctrl`` ``(k, nu)``."""
-        qpos = np.tile(self._qpos0, (len(start), 1))
-        self._pose(qpos, start)
-        for name, pose in start.free.items():
-            at = self._free[name]
-            qpos[:, at : at + 7] = pose.numpy()
-        mocap = np.zeros((len(start), self._nmocap, 3))
-        for name, place in start.mocap.items():
-            mocap[:, self._mocap[name]] = place.numpy()
-        return {"qpos": qpos, "mocap_pos": mocap, "ctrl": start.control.numpy()}
+    ``pose``: the robot's ``poser`` of this model.
+    """
+    qpos = np.tile(model.qpos0, (len(start), 1))
+    pose(qpos, start)
+    for name, place in start.free.items():
+        at = model.joint(name).qposadr[0]
+        qpos[:, at : at + 7] = place.numpy()
+    mocap = np.zeros((len(start), model.nmocap, 3))
+    for name, place in start.mocap.items():
+        mocap[:, model.body(name).mocapid[0]] = place.numpy()
+    return {"qpos": qpos, "mocap_pos": mocap, "ctrl": start.control.numpy()}
 
 
 @ctypes.CFUNCTYPE(None, ctypes.c_char_p)
@@ -92,13 +82,17 @@ class Engine(ABC):
         silence_mujoco()
         self.num_envs, self.model = num_envs, model
         self._substeps, self._threads = substeps, config.cpus
-        self._addresses = Addresses(model, robot)
-        self._state = (*STATE, "eq_data") if self._addresses.welds else STATE
+        self._pose = robot.poser(model)
+        has_welds = bool((model.eq_type == mujoco.mjtEq.mjEQ_WELD).any())
+        self._state = (*STATE, "eq_data") if has_welds else STATE
 
-    @abstractmethod
     def reset(self, ids: Tensor, start: Start) -> None:
         """Put environments ``ids`` ``(k,)`` at their starts (batch size k, on the CPU), and
         forward."""
+        self._clear(ids)
+        for name, value in state_of(start, self.model, self._pose).items():
+            self.write(name, ids, torch.from_numpy(value))
+        self._forward(ids)
 
     @abstractmethod
     def step(self, control: Tensor) -> None:
@@ -119,20 +113,55 @@ class Engine(ABC):
     def read(self, name: str) -> Tensor:
         """A field ``(n, ...)`` of every MjData or MjModel."""
 
+    @abstractmethod
+    def write(self, name: str, ids: Tensor, value: Tensor, *at: Index) -> None:
+        """Set a field to ``value`` ``(k, ...)`` in environments ``ids`` ``(k,)``.
+
+        Nothing is forwarded. ``at``: index of a part of one environment's field.
+        """
+
     def snapshot(self) -> dict[str, Tensor]:
         """The physics' whole state, as copies."""
         return {name: self.read(name).clone() for name in self._state}
 
-    @abstractmethod
     def restore(self, snapshot: dict[str, Tensor]) -> None:
         """Go on from a ``snapshot``, and forward."""
+        ids = torch.arange(self.num_envs, device=self.device)
+        for name in self._state:
+            self.write(name, ids, snapshot[name])
+        self._forward(ids)
 
-    @abstractmethod
     def vary(self, ids: Tensor, friction: Tensor, mass: Tensor) -> None:
         """Scale friction of all geoms, mass and inertia of free bodies, by factors ``(k,)``.
 
         Of the model as it was compiled; to be called before these environments' ``reset``.
         """
+        model = self.model
+        free = model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE].tolist()
+        heavier = torch.ones(len(ids), model.nbody, dtype=mass.dtype, device=self.device)
+        heavier[:, free] = mass.unsqueeze(-1)
+        for name, factor in (
+            ("geom_friction", friction[:, None, None]),
+            ("body_mass", heavier),
+            ("body_inertia", heavier.unsqueeze(-1)),
+        ):
+            # Multiplied in the engine's precision.
+            here = self.read(name)
+            compiled = torch.from_numpy(getattr(model, name)).to(here)
+            self.write(name, ids, factor.to(here) * compiled)
+        self._set_constants(ids)
+
+    @abstractmethod
+    def _clear(self, ids: Tensor) -> None:
+        """Put environments ``(k,)`` back to where the scene was compiled."""
+
+    @abstractmethod
+    def _forward(self, ids: Tensor) -> None:
+        """Bring environments ``(k,)`` up to their state, as far as velocities."""
+
+    @abstractmethod
+    def _set_constants(self, ids: Tensor) -> None:
+        """Work out anew what a changed model of environments ``(k,)`` implies."""
 
     @abstractmethod
     def data(self, env: int) -> mujoco.MjData:
@@ -154,7 +183,7 @@ class Engine(ABC):
 
 
 class HostEngine(Engine):
-    """An engine whose state NumPy reads and writes.
+    """An engine whose state is in NumPy's arrays.
 
     Args:
         substeps: physics steps per control step.
@@ -183,64 +212,14 @@ class HostEngine(Engine):
 
             self._renderer = Tracer(model, num_envs, views, size, quality)
 
-    def reset(self, ids: Tensor, start: Start) -> None:
-        rows = ids.numpy()
-        self._clear(rows)
-        for name, value in self._addresses.state(start).items():
-            self.write(name, rows, value)
-        self._forward(rows)
-
     def weld(self, welds: Mapping[str, Weld]) -> None:
         for name, weld in welds.items():
-            rows = weld.changed.nonzero().flatten().numpy()
-            if len(rows):
-                at, pose = self._addresses.welds[name], weld.pose[weld.changed].numpy()
+            ids = weld.changed.nonzero().flatten()
+            if len(ids):
+                at = self.model.equality(name).id
                 # Anchor in the second body (its origin), the same point in the first one.
-                self.write("eq_data", rows, np.pad(pose, ((0, 0), (3, 0))), at, slice(10))
-                self.write("eq_active", rows, weld.active[weld.changed].numpy(), at)
-
-    def read(self, name: str) -> Tensor:
-        # A copy, because the engine's arrays may not be writable, and torch's have to be.
-        return torch.tensor(self._read(name))
-
-    def restore(self, snapshot: dict[str, Tensor]) -> None:
-        rows = np.arange(self.num_envs)
-        for name in self._state:
-            self.write(name, rows, snapshot[name].numpy())
-        self._forward(rows)
-
-    def vary(self, ids: Tensor, friction: Tensor, mass: Tensor) -> None:
-        rows, model = ids.numpy(), self.model
-        free = model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]
-        factor = np.ones((len(rows), model.nbody))
-        factor[:, free] = mass.numpy()[:, None]
-        self.write("geom_friction", rows, friction.numpy()[:, None, None] * model.geom_friction)
-        self.write("body_mass", rows, factor * model.body_mass)
-        self.write("body_inertia", rows, factor[..., None] * model.body_inertia)
-        self._set_constants(rows)
-
-    @abstractmethod
-    def write(self, name: str, rows: np.ndarray, value: np.ndarray, *at: Index) -> None:
-        """Set a field of MjData or MjModel to ``value`` ``(k, ...)`` in ``rows`` ``(k,)``.
-
-        Nothing is forwarded. ``at``: index of a part of one environment's field.
-        """
-
-    @abstractmethod
-    def _read(self, name: str) -> np.ndarray:
-        """A field ``(n, ...)`` of every MjData or MjModel; not to be written to."""
-
-    @abstractmethod
-    def _clear(self, rows: np.ndarray) -> None:
-        """Put environments ``(k,)`` back to where the scene was compiled."""
-
-    @abstractmethod
-    def _forward(self, rows: np.ndarray) -> None:
-        """Bring environments ``(k,)`` up to their state, as far as velocities."""
-
-    @abstractmethod
-    def _set_constants(self, rows: np.ndarray) -> None:
-        """Work out anew what a changed model of environments ``(k,)`` implies."""
+                self.write("eq_data", ids, pad(weld.pose[ids], (3, 0)), at, slice(10))
+                self.write("eq_active", ids, weld.active[ids], at)
 
 
 class CpuEngine(HostEngine):
@@ -265,17 +244,21 @@ class CpuEngine(HostEngine):
         mujoco.mj_forward(self._batch.get_model(env), found)
         return found
 
-    def write(self, name: str, rows: np.ndarray, value: np.ndarray, *at: Index) -> None:
-        self._read(name)[(rows, *at)] = value
+    def read(self, name: str) -> Tensor:
+        # A copy, because the engine's arrays may not be writable, and torch's have to be.
+        return torch.tensor(self._array(name))
 
-    def _read(self, name: str) -> np.ndarray:
+    def write(self, name: str, ids: Tensor, value: Tensor, *at: Index) -> None:
+        self._array(name)[(ids.numpy(), *at)] = value.numpy()
+
+    def _array(self, name: str) -> np.ndarray:
         return self._batch.bind(name) if name in DATA_FIELDS else self._batch.expand(name)
 
-    def _clear(self, rows: np.ndarray) -> None:
-        self._batch.reset(rows, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
+    def _clear(self, ids: Tensor) -> None:
+        self._batch.reset(ids.numpy(), stage=int(mujoco.mjtStage.mjSTAGE_NONE))
 
-    def _forward(self, rows: np.ndarray) -> None:
-        self._batch.forward(rows, stage=_VELOCITY)
+    def _forward(self, ids: Tensor) -> None:
+        self._batch.forward(ids.numpy(), stage=_VELOCITY)
 
-    def _set_constants(self, rows: np.ndarray) -> None:
-        self._batch.set_const(rows)
+    def _set_constants(self, ids: Tensor) -> None:
+        self._batch.set_const(ids.numpy())

@@ -82,13 +82,17 @@ class Tracer:
         )
         width, height = self._sides
         frames, at, pixels = {}, [0, 0, 0], width * height
+        chosen = slice(None) if ids is None else ids
         for view, channels in self.views.items():
             picked = []
             for i, (needed, kind) in enumerate(zip(channels, kinds, strict=True)):
-                channel = kind[:, at[i] : at[i] + pixels] if needed else None
-                at[i] += pixels * needed
-                channel = channel if channel is None else channel.unflatten(1, (height, width))
-                picked.append(channel if channel is None or ids is None else channel[ids])
+                if not needed:
+                    picked.append(None)
+                    continue
+                channel = kind[chosen, at[i] : at[i] + pixels].unflatten(1, (height, width))
+                at[i] += pixels
+                # The sensors take them by their addresses.
+                picked.append(channel.contiguous())
             frames[view] = Frame(*picked)
         return frames
 

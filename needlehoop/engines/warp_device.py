@@ -39,8 +39,3 @@ def on(device: torch.device) -> AbstractContextManager:
         return wp.ScopedDevice("cpu")
     stream = wp.stream_from_torch(torch.cuda.current_stream(device))
     return wp.ScopedStream(stream, sync_enter=False)
-
-
-def warp_name(device: torch.device) -> str:
-    """What Warp calls a torch device, such as ``cuda:0``."""
-    return str(wp.device_from_torch(device))

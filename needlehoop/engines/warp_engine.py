@@ -18,12 +18,11 @@ from torch import Tensor
 
 from needlehoop.engines import warp_device
 from needlehoop.engines.contract import Channels, EngineConfig
-from needlehoop.engines.engine import STATE, Engine
+from needlehoop.engines.engine import STATE, Engine, Index
 from needlehoop.engines.rasteriser.renderer import ParallelRasteriser
 from needlehoop.engines.warp_device import start_warp
 from needlehoop.scene.image_size import ImageSize
 from needlehoop.tasks.contract import Robot, Weld
-from needlehoop.tasks.start import Start
 
 _OWN = (
     *("eq_data", "geom_friction", "body_mass", "body_inertia", "body_subtreemass"),
@@ -83,14 +82,6 @@ class WarpEngine(Engine):
         if views:
             self._renderer = ParallelRasteriser(model, num_envs, views, size, self.device)
 
-    def reset(self, ids: Tensor, start: Start) -> None:
-        self._check_room()
-        self._clear(ids)
-        for name, value in self._addresses.state(start).items():
-            here = self.read(name)
-            here[ids] = torch.from_numpy(value).to(here)
-        self._run("forward")
-
     def step(self, control: Tensor) -> None:
         self.read("ctrl").copy_(control)
         self._run("step")
@@ -108,7 +99,7 @@ class WarpEngine(Engine):
     def weld(self, welds: Mapping[str, Weld]) -> None:
         # Every environment is written to: which of them change is known on the device alone.
         for name, weld in welds.items():
-            at = self._addresses.welds[name]
+            at = self.model.equality(name).id
             data, active = self.read("eq_data")[:, at], self.read("eq_active")[:, at]
             changed = data.clone()
             # Anchor in the second body (its origin), the same point in the first one.
@@ -127,25 +118,9 @@ class WarpEngine(Engine):
         self._check_room()
         return super().snapshot()
 
-    def restore(self, snapshot: dict[str, Tensor]) -> None:
-        for name in self._state:
-            self.read(name).copy_(snapshot[name])
-        self._run("forward")
-
-    def vary(self, ids: Tensor, friction: Tensor, mass: Tensor) -> None:
-        model = self.model
-        free = model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE].astype(np.int64)
-        heavier = torch.ones(len(ids), model.nbody, device=self.device)
-        heavier[:, torch.from_numpy(free).to(self.device)] = mass.float().unsqueeze(-1)
-        for name, factor in (
-            ("geom_friction", friction.float()[:, None, None]),
-            ("body_mass", heavier),
-            ("body_inertia", heavier.unsqueeze(-1)),
-        ):
-            here = self.read(name)
-            here[ids] = factor * torch.from_numpy(getattr(model, name)).to(here)
-        with warp_device.on(self.device):
-            mjw.set_const(self._m, self._d)
+    def write(self, name: str, ids: Tensor, value: Tensor, *at: Index) -> None:
+        here = self.read(name)
+        here[(ids, *at)] = value.to(here)
 
     def data(self, env: int) -> mujoco.MjData:
         found = mujoco.MjData(self.model)
@@ -160,10 +135,17 @@ class WarpEngine(Engine):
         return {name: torch.from_numpy(one).to(self.read(name)) for name, one in values.items()}
 
     def _clear(self, ids: Tensor) -> None:
-        """Put environments ``(k,)`` back to where the scene was compiled."""
+        self._check_room()
         self._broken[ids] = False
         for name, value in self._begin.items():
             self.read(name)[ids] = value
+
+    def _forward(self, ids: Tensor) -> None:
+        self._run("forward")
+
+    def _set_constants(self, ids: Tensor) -> None:
+        with warp_device.on(self.device):
+            mjw.set_const(self._m, self._d)
 
     def _check_room(self) -> None:
         # Over all steps so far: a bit that was set stays set.
@@ -190,7 +172,7 @@ class WarpEngine(Engine):
         before = {name: self.read(name).clone() for name in self._state}
         torch.cuda.synchronize(self.device)
         # In a stream of Warp's, because torch's default one cannot be captured.
-        with wp.ScopedDevice(warp_device.warp_name(self.device)):
+        with wp.ScopedDevice(wp.device_from_torch(self.device)):
             # Compiles every kernel; nothing may compile in a capture.
             self._launch(what)
             with wp.ScopedCapture() as capture:

@@ -16,7 +16,7 @@ from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from needlehoop.learning.networks import Agent, Normalizer, PolicySpec
 
 _RAMP = 30
-"""Minibatches over which the learning rate of a memory's learner rises at the very start."""
+"""Minibatches over which ``MemoryAlgorithm`` warms up the learning rate."""
 
 
 class Algorithm:

@@ -21,11 +21,17 @@ class AlgorithmConfig:
     horizon: Annotated[int, Range(1, 100_000)]
     """Steps of each environment per buffer; of PPO also those that an advantage looks ahead."""
     buffer: Count | None = None
-    """Steps of all environments that are collected before they are learnt from; ``None``: one
-    horizon of each."""
+    """Steps in a buffer, over all environments; ``None``: ``num_envs * horizon``."""
     minibatch: Count
     learning_rate: Annotated[float, Range(0.0, 10.0, above=True)]
     network: HeadConfig
+
+    def __post_init__(self) -> None:
+        # The others train the mean before the tanh, and would act after it.
+        if self.network.squash != (self.kind == SAC):
+            raise ValueError(
+                "algo.network.squash: algo=sac alone squashes actions, and always does"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,10 +97,6 @@ class SacConfig(MemoryConfig):
     """Share of the way that the targets follow after each minibatch."""
     alpha: Positive
     """Weight of the entropy at the start; it is learnt."""
-
-    def __post_init__(self) -> None:
-        if not self.network.squash:
-            raise ValueError("algo.network.squash: SAC's actions are squashed; choose true")
 
 
 CONFIGS = {PPO: PpoConfig, DAGGER: DaggerConfig, SAC: SacConfig}

@@ -20,13 +20,15 @@ from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torchrl.collectors import Collector, MultiSyncCollector
-from torchrl.envs import Compose, EnvBase, TransformedEnv
+from torchrl.envs import Compose, EnvBase, TransformedEnv, UnaryTransform
 
 from needlehoop import rewards
 from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.learning.algorithm_config import DaggerConfig, PpoConfig
+from needlehoop.learning.encoder import Fold
 from needlehoop.learning.job import Job
-from needlehoop.learning.transforms import Carry, FoldPixels, Teacher
+from needlehoop.learning.transforms import Carry, Teacher
+from needlehoop.runs.machine import needed
 from needlehoop.tasks import registry
 
 
@@ -61,7 +63,9 @@ class MakeEnv:
         )
         stagger = isinstance(algo, PpoConfig)
         base = TorchRLEnv(settings, self._first, stagger, job.steps // env.num_envs)
-        changes: list[Any] = [FoldPixels(job.encoder.stem, list(env.image_channels)), Carry()]
+        images: Any = [("pixels", name) for name in env.image_channels]
+        fold = UnaryTransform(images, images, fn=Fold(job.encoder.stem))
+        changes: list[Any] = [fold, Carry()]
         if isinstance(algo, DaggerConfig):
             changes.append(Teacher(settings, algo.noise, algo.handover, seed))
         return TransformedEnv(base, Compose(*changes))
@@ -110,8 +114,11 @@ def collector_of(job: Job, policy: TensorDictModuleBase, device: torch.device) -
     )
 
 
-def flown_again(job: Job, flown: Tensor) -> Iterator[TensorDictBase]:
-    """Earlier buffers again, from their actions ``(buffers, num_envs, horizon, size)``."""
+def replayed(job: Job, flown: Tensor) -> Iterator[TensorDictBase]:
+    """Collects earlier buffers once more, by replaying their actions.
+
+    ``flown``: the actions ``(buffers, num_envs, horizon, size)``.
+    """
     env = MakeEnv(job, 0, job.env.num_envs, job.env.engine.cpus)()
     now = env.reset()
     for actions in flown:
@@ -151,13 +158,9 @@ class RayBuffers:
     ):
         # Ray would start a second cluster where a process ends before its collector.
         os.environ.setdefault("RAY_ENABLE_AUTO_CONNECT", "0")
-        try:
-            import ray
-            from torchrl.collectors.distributed import RayCollector
-        except ImportError as error:
-            raise ValueError(
-                "collector: ray is not installed: pip install 'needlehoop[ray]'"
-            ) from error
+        ray = needed("ray", "collector=ray", "ray")
+        from torchrl.collectors.distributed import RayCollector
+
         count = len(makers)
         if not ray.is_initialized():
             here = None if "RAY_ADDRESS" in os.environ else count

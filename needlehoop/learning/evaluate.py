@@ -115,7 +115,7 @@ def which_policy(run: Run, policy: str | None) -> tuple[str, int | None]:
     return "best", read_step(best)
 
 
-def told_policy(which: str, steps: int | None) -> str:
+def policy_in_words(which: str, steps: int | None) -> str:
     """In words: ``best, after 1,024,000 steps``."""
     return which if steps is None else f"{which}, after {steps:,} steps"
 

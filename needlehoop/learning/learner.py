@@ -12,7 +12,7 @@ from tensordict import TensorDictBase
 
 from needlehoop.learning.algorithm import Algorithm, MemoryAlgorithm
 from needlehoop.learning.algorithm_config import PpoConfig
-from needlehoop.learning.collecting import collector_of, flown_again
+from needlehoop.learning.collecting import collector_of, replayed
 from needlehoop.learning.dagger import Dagger
 from needlehoop.learning.job import Job
 from needlehoop.learning.networks import Agent
@@ -127,7 +127,7 @@ class Learner:
         """Go on from a ``state_dict``."""
         if "flown" in state:
             self._flown = [*state["flown"]]
-            for buffer in flown_again(self.job, state["flown"]):
+            for buffer in replayed(self.job, state["flown"]):
                 self.algorithm.remember(buffer)
         self._collector.load_state_dict(state["collector"])
         # A reset after loading shows the episodes under way.

@@ -8,6 +8,7 @@ from typing import Any
 
 from needlehoop.learning.job import Job
 from needlehoop.runs.files import write_whole
+from needlehoop.runs.machine import needed
 
 
 class Logger:
@@ -20,14 +21,9 @@ class Logger:
     def __init__(self, job: Job, values: Mapping[str, Any], folder: Path, steps: int):
         self._board: Any = None
         if "tensorboard" in job.logger:
-            try:
-                from torch.utils.tensorboard import SummaryWriter
-            except ImportError as error:
-                raise ValueError(
-                    "logger: tensorboard is not installed: pip install 'needlehoop[tensorboard]'"
-                ) from error
+            board = needed("torch.utils.tensorboard", "logger=tensorboard", "tensorboard")
             place = folder / "tensorboard"
-            self._board = SummaryWriter(str(place), purge_step=steps + 1)
+            self._board = board.SummaryWriter(str(place), purge_step=steps + 1)
             print(f"tensorboard: see it with: tensorboard --logdir {place}")
         self._run: Any = _wandb_run(job, values, folder) if "wandb" in job.logger else None
 

@@ -30,7 +30,7 @@ class HeadConfig:
     """The value function reads them and the policy does not; ``None``: the
     task's choice."""
     squash: bool = False
-    """Whether a tanh keeps actions within their range."""
+    """Whether a tanh keeps actions within their range; ``algo=sac`` alone takes it."""
 
 
 class Normalizer(nn.Module):
@@ -63,15 +63,6 @@ class Normalizer(nn.Module):
         self.square += share * ((rows**2).mean(0) - self.square)
 
 
-def dense(size: int, heads: HeadConfig) -> list[nn.Module]:
-    """The layers of a trunk, from ``size`` inputs to ``heads.hidden`` features."""
-    layers: list[nn.Module] = []
-    for _ in range(heads.layers):
-        layers += [linear(size, heads.hidden), nn.SiLU()]
-        size = heads.hidden
-    return layers
-
-
 class Trunk(nn.Module):
     """All observations to one feature vector: encoders side by side, then dense layers.
 
@@ -91,8 +82,12 @@ class Trunk(nn.Module):
         encoders = {name: Encoder(shape, encoder, out, dtype) for name, shape in images.items()}
         self.encoders = nn.ModuleDict(encoders)
         self.normalizers = nn.ModuleDict({name: Normalizer(n) for name, n in vectors.items()})
-        self.size = heads.hidden * len(images) + sum(vectors.values())
-        self.layers = nn.Sequential(*dense(self.size, heads))
+        self.size = size = out * len(images) + sum(vectors.values())
+        layers: list[nn.Module] = []
+        for _ in range(heads.layers):
+            layers += [linear(size, out), nn.SiLU()]
+            size = out
+        self.layers = nn.Sequential(*layers)
 
     def forward(self, *observed: Tensor) -> Tensor:
         return self.layers(self.see(*observed))
@@ -161,11 +156,6 @@ class PolicySpec:
         width, height = sides(self.image_size)
         return {name: torch.Size((c, height, width)) for name, c in self.channels.items()}
 
-    @property
-    def keys(self) -> list[Any]:
-        """What it reads of an environment, in order."""
-        return [*(("pixels", name) for name in self.channels), *self.vectors]
-
     def trunk(self, device: torch.device) -> Trunk:
         """A new trunk, in the numbers that suit a device."""
         dtype = convolution_dtype(self.precision, device)
@@ -192,12 +182,13 @@ class Actor(nn.Module):
         self.fold, self.trunk, self.head = Fold(spec.encoder.stem), trunk, Gaussian(spec)
 
     def forward(self, *observed: Tensor, noise: Tensor | None = None) -> Tensor:
-        """Actions ``(..., action_size)`` of images ``(..., c, h, w)`` uint8, then vectors.
+        """Actions ``(..., action_size)`` in [-1, 1], of images ``(..., c, h, w)`` uint8, vectors.
 
         ``noise``: standard normal, to draw the actions as in training; ``None``: the mean.
         """
         images, vectors = observed[: self._images], observed[self._images :]
-        return self.head.act(self.trunk(*(self.fold(image) for image in images), *vectors), noise)
+        hidden = self.trunk(*(self.fold(image) for image in images), *vectors)
+        return self.head.act(hidden, noise).clamp(-1.0, 1.0)
 
 
 class Agent(nn.Module):
@@ -206,8 +197,9 @@ class Agent(nn.Module):
     def __init__(self, spec: PolicySpec, trunk: Trunk):
         super().__init__()
         self.actor = Actor(spec, trunk)
-        self.seen_keys = spec.keys
-        """What the policy reads of an environment that folds its images."""
+        images: list[Any] = [("pixels", name) for name in spec.channels]
+        self.seen_keys = [*images, *spec.vectors]
+        """What the policy reads of an environment that folds its images, in order."""
         self.privileged_keys: list[Any] = [
             ("facts", name) for name in spec.network.privileged_facts or ()
         ]

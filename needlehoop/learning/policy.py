@@ -14,7 +14,6 @@ import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
-from importlib import import_module
 from pathlib import Path
 from textwrap import shorten
 from typing import Any
@@ -23,11 +22,12 @@ import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save
-from torch import Tensor, nn
+from torch import Tensor
 
 from needlehoop.config import strict
 from needlehoop.learning.networks import Actor, PolicySpec
 from needlehoop.runs.files import write_whole
+from needlehoop.runs.machine import needed
 
 PRECISION = "fp32"
 """What a policy in an ONNX file computes in, because few runtimes have bfloat16 on a CPU."""
@@ -164,7 +164,7 @@ class Policy:
             value = value if isinstance(value, Tensor) else torch.from_numpy(np.array(value))
             fits = self._image if name in self._images else self._vector
             seen.append(fits(name, value).to(self._device))
-        action = self._actor(*seen).clamp(-1.0, 1.0)
+        action = self._actor(*seen)
         return action.to(inputs[needed[0]].device) if is_torch else action.cpu().numpy()
 
     def _image(self, name: str, image: Tensor) -> Tensor:
@@ -185,17 +185,6 @@ class Policy:
         return vector.float()
 
 
-class _Clamped(nn.Module):
-    """A policy whose actions are clamped to [-1, 1]."""
-
-    def __init__(self, actor: Actor):
-        super().__init__()
-        self.actor = actor
-
-    def forward(self, *observed: Tensor) -> Tensor:
-        return self.actor(*observed).clamp(-1.0, 1.0)
-
-
 def onnx_bytes(spec: PolicySpec, actor: Actor) -> bytes:
     """The content of an ONNX file of a policy on the CPU, in ``PRECISION``. Extra ``onnx``.
 
@@ -203,12 +192,7 @@ def onnx_bytes(spec: PolicySpec, actor: Actor) -> bytes:
     and ``privileged_facts`` where it had them, float32 ``(n, length)``; its output is ``action``,
     float32 ``(n, action_size)``. Under ``needlehoop`` its metadata have the run's environment.
     """
-    try:
-        import_module("onnxscript")
-    except ImportError as error:
-        raise RuntimeError(
-            f"what=policy needs {error.name}; install it with: pip install 'needlehoop[onnx]'"
-        ) from error
+    needed("onnxscript", "what=policy", "onnx")
     example = {
         **{name: torch.zeros(2, *s, dtype=torch.uint8) for name, s in spec.images.items()},
         **{name: torch.zeros(2, length) for name, length in spec.vectors.items()},
@@ -219,7 +203,7 @@ def onnx_bytes(spec: PolicySpec, actor: Actor) -> bytes:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         program: Any = torch.onnx.export(
-            _Clamped(actor).eval(),
+            actor.eval(),
             tuple(example.values()),
             input_names=[*example],
             output_names=["action"],

@@ -7,47 +7,20 @@ from typing import Any
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.data import Binary, Bounded, Composite, Unbounded
+from torchrl.data import Binary, Composite, Unbounded
 from torchrl.envs import Transform
 
 from needlehoop.envs.controllers import Perturbation, controller
 from needlehoop.envs.settings import Settings
-from needlehoop.learning.encoder import Fold
 
 LABEL = "label"
 """Key of the expert's action ``(n, action_size)``, which the policy is to learn."""
 
 EXPERT = "expert"
-"""Key of the same with noise, which the expert flies and then corrects."""
+"""Key of the expert's action with noise added; what is carried out in the expert's episodes."""
 
 LEARNER = "learner"
 """Key of whether the learner acts in this episode ``(n, 1)``, or else the expert."""
-
-
-class FoldPixels(Transform):
-    """Folds images where they are made, once: ``("pixels", <camera>)``, see ``Fold``."""
-
-    def __init__(self, stem: int, cameras: list[str]):
-        keys: list[Any] = [("pixels", name) for name in cameras]
-        super().__init__(in_keys=keys, out_keys=keys)
-        self._fold = Fold(stem)
-
-    def _apply_transform(self, obs: Tensor) -> Tensor:
-        return self._fold(obs)
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        return self._call(tensordict_reset)
-
-    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        """Images ``(n, h/k, w/k, k*k*c)``."""
-        spec = observation_spec.clone()
-        for key in self.in_keys:
-            shape = self._fold(spec[key].zero()).shape
-            here = spec.device
-            spec[key] = Bounded(0, 255, shape=shape, dtype=torch.uint8, device=here)
-        return spec
 
 
 class Teacher(Transform):

@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,15 @@ def peak_memory() -> float:
     """The most memory this process has had, GB."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (1e9 if sys.platform == "darwin" else 1e6)
+
+
+def needed(module: str, by: str, extra: str) -> Any:
+    """A module of an extra; ``ValueError`` that says how to install it."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        missing = error.name or module
+        raise ValueError(f"{by} needs {missing}: pip install 'needlehoop[{extra}]'") from error
 
 
 def provenance() -> dict[str, Any]:

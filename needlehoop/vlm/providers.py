@@ -10,7 +10,6 @@ import json
 import re
 import sys
 import time
-from importlib import import_module
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from pydantic import ValidationError
 
 from needlehoop.config.strict import check_names
 from needlehoop.runs.files import write_whole
+from needlehoop.runs.machine import needed
 from needlehoop.vlm.config import LiveConfig, ManualConfig
 from needlehoop.vlm.messages import (
     Message,
@@ -62,12 +62,7 @@ class LiveProvider:
     def __init__(self, config: LiveConfig):
         self._config, self._key = config, config.read_key()
         self.who = {"provider": config.kind, "model": config.model, "sampling": config.sent}
-        try:
-            self._sdk: Any = import_module(self._package)
-        except ImportError as error:
-            raise ValueError(
-                f"vlm={config.kind} needs {self._package}: pip install 'needlehoop[{config.kind}]'"
-            ) from error
+        self._sdk = needed(self._package, f"vlm={config.kind}", config.kind)
 
     def ask(self, request: Request) -> Reply:
         """The reply; ``ProviderError`` if there is none after all tries."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 import torch
 
@@ -21,7 +20,8 @@ def built(kind: str) -> Simulation:
 
 
 def break_down(simulation: Simulation, env: int, value: float = float("nan")) -> None:
-    simulation.engine.write("qvel", np.array([env]), np.array([value]), 2)
+    broken = torch.tensor([value], dtype=torch.float64)
+    simulation.engine.write("qvel", torch.tensor([env]), broken, 2)
 
 
 @pytest.fixture(params=["cpu", "dm_control"])

@@ -206,8 +206,8 @@ def test_nothing_mixes_the_devices(monkeypatch):
         return wp.ScopedDevice("cpu")
 
     monkeypatch.setattr(warp_device, "on", on_cpu)
-    monkeypatch.setattr(warp_device, "warp_name", lambda device: "cpu")
-    monkeypatch.setattr(wp._src.torch, "device_from_torch", lambda device: wp.get_device("cpu"))
+    for where in (wp, wp._src.torch):
+        monkeypatch.setattr(where, "device_from_torch", lambda device: wp.get_device("cpu"))
     monkeypatch.setattr(wp, "to_torch", lambda array: put(to_torch(array), True))
     monkeypatch.setattr(WarpEngine, "_run", lambda self, what: self._launch(what))
     small = [

@@ -12,7 +12,7 @@ from torchrl.envs import SerialEnv
 from torchrl.envs.utils import check_env_specs
 
 from needlehoop.config import composing
-from needlehoop.learning.collecting import MakeEnv, flown_again
+from needlehoop.learning.collecting import MakeEnv, replayed
 from needlehoop.learning.encoder import Fold
 from needlehoop.learning.job import CollectorConfig, Job, typed_job
 from needlehoop.learning.learner import Learner
@@ -124,9 +124,9 @@ def test_images_are_folded_where_they_are_made_and_resets_renew_those_that_began
     assert ended > 5
 
 
-def test_buffers_are_flown_again_from_their_actions(by_two):
+def test_buffers_are_replayed_from_their_actions(by_two):
     job = job_of(*METHODS["sac"])
-    again = flown_again(job, torch.stack([buffer["action"] for buffer in by_two.buffers]))
+    again = replayed(job, torch.stack([buffer["action"] for buffer in by_two.buffers]))
     for buffer, repeated in zip(by_two.buffers, again, strict=True):
         for key in (("pixels", "seg_side"), "proprio", ("next", "pixels", "dep_front")):
             assert torch.equal(buffer[key], repeated[key]), key

@@ -168,6 +168,7 @@ def test_two_runs_are_never_mixed(finished, monkeypatch, capsys):
         ([], ["cams", "at least one camera", "segdep"]),
         (["cams=dep_front,rgb_top"], ["cams/rgb_top", "dep_default dep_ecm_left"]),
         (["cams=rgb_front", "image_size=22"], ["image_size", "22", "strided_s4d"]),
+        (["cams=rgb_front", "+algo.network.squash=true"], ["algo.network.squash", "algo=sac"]),
     ],
 )
 def test_a_mistake_stops_before_anything_is_made(tmp_path, monkeypatch, words, parts):

@@ -5,9 +5,8 @@ the depth z in m along the optical axis. In these homogeneous coordinates the li
 corners is their cross product, on either side of the camera's plane, so nothing is clipped. The
 depth buffer holds 1/z, which over a plane is linear in x and y.
 
-An image that is not square is a part of a square one that is as high: its columns begin in that
-one's column ``left``, which is negative in a wide image. Columns are counted in the square one. So
-numbers are worked out in the same way for all images.
+Columns are counted as in a square image of the same height; a narrower or wider image begins at
+column ``left``, negative if wider. So the arithmetic is the same for all shapes.
 """
 
 # Warp compiles this file; its types are not all Python's.

@@ -41,7 +41,7 @@ class Rasteriser(ABC):
         device: torch.device,
     ):
         start_warp()
-        self._warp = warp_device.warp_name(device)
+        self._warp = wp.device_from_torch(device)
         self._solids = pack(model, self._warp)
         width, height = sides(size)
         self._size = wp.vec2i(width, height)

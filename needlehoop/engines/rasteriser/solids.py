@@ -57,8 +57,8 @@ class Solids:
     """Their diffuse colours, and last the headlight's."""
 
 
-def pack(model: mujoco.MjModel, device: str) -> Solids:
-    """The drawn geoms and the lights of a scene, on a device as Warp calls it.
+def pack(model: mujoco.MjModel, device: wp.Device) -> Solids:
+    """The drawn geoms and the lights of a scene, on a device of Warp's.
 
     Raises ``ValueError`` for what can't be drawn: a type of geom, a finite plane or more than one,
     a transparent geom, a light that isn't directional, a mesh that is inside out.
@@ -103,7 +103,7 @@ def pack(model: mujoco.MjModel, device: str) -> Solids:
 
 
 def _solids(
-    model: mujoco.MjModel, rows: list[tuple], everywhere: np.ndarray, device: str
+    model: mujoco.MjModel, rows: list[tuple], everywhere: np.ndarray, device: wp.Device
 ) -> wp.array:
     """Solids from their numbers, with the colours of their geoms and the light everywhere."""
     solids = []
@@ -122,7 +122,7 @@ def _solids(
     return wp.array(np.array(solids, dtype), dtype=Solid, device=device)
 
 
-def _array(parts: list, dtype: type, device: str) -> wp.array:
+def _array(parts: list, dtype: type, device: wp.Device) -> wp.array:
     """Parts one after the other; none are an empty array."""
     if not parts:
         return wp.zeros(0, dtype=dtype, device=device)
