@@ -15,7 +15,7 @@ from needlehoop.config.changing import parted
 from needlehoop.config.options import typed
 from needlehoop.config.strict import Count, Seed
 from needlehoop.runs.files import new_folder
-from needlehoop.runs.machine import needed, provenance
+from needlehoop.runs.machine import import_extra, provenance
 
 if TYPE_CHECKING:
     from needlehoop.demonstrations.episodes import Demonstration
@@ -74,7 +74,7 @@ def _writer(name: str, dataset: str) -> Callable[..., None]:
     extras = {"minari": "minari", "lerobot": "lerobot", "open_h": "lerobot"}
     strict.check_names("format", [name], [*extras])
     place = f"needlehoop.demonstrations.{name}_layout"
-    layout = needed(place, f"format={name}", extras[name])
+    layout = import_extra(place, f"format={name}", extras[name])
     if name == "minari" and not re.fullmatch(r"[\w.-]+-v\d+", dataset):
         raise ValueError(
             f"out: {dataset!r} is no name for Minari, which wants a version: such as smooth-v0"

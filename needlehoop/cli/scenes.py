@@ -11,7 +11,7 @@ from needlehoop.cli.command import KEYS, beside_a_run, command, environment, new
 from needlehoop.config.options import part, typed, variants
 from needlehoop.config.strict import Amount, OneOf, Pixels, Range
 from needlehoop.runs.files import write_whole
-from needlehoop.runs.machine import needed
+from needlehoop.runs.machine import import_extra
 from needlehoop.runs.shipped import AGENT, CONF
 
 Levels = dict[str, dict[str, tuple[Amount, ...]]]
@@ -143,7 +143,7 @@ def studio(options: argparse.Namespace) -> None:
 
     The page is http://127.0.0.1:8080. Views are saved into conf_dir=. Ctrl-C ends it.
     """
-    needed("viser", "studio", "studio")
+    import_extra("viser", "studio", "studio")
     kinds: dict[str, Any] = {"host": str, "port": Annotated[int, Range(0, 65_535)], "results": str}
     kinds |= {"run": str | None, "size": Pixels, "levels": Levels}
     keys, words = beside_a_run(options, "studio", **kinds)

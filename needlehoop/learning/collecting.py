@@ -28,7 +28,7 @@ from needlehoop.learning.algorithm_config import DaggerConfig, PpoConfig
 from needlehoop.learning.encoder import Fold
 from needlehoop.learning.job import Job
 from needlehoop.learning.transforms import Carry, Teacher
-from needlehoop.runs.machine import needed
+from needlehoop.runs.machine import import_extra
 from needlehoop.tasks import registry
 
 
@@ -158,7 +158,7 @@ class RayBuffers:
     ):
         # Ray would start a second cluster where a process ends before its collector.
         os.environ.setdefault("RAY_ENABLE_AUTO_CONNECT", "0")
-        ray = needed("ray", "collector=ray", "ray")
+        ray = import_extra("ray", "collector=ray", "ray")
         from torchrl.collectors.distributed import RayCollector
 
         count = len(makers)

@@ -8,7 +8,7 @@ from typing import Any
 
 from needlehoop.learning.job import Job
 from needlehoop.runs.files import write_whole
-from needlehoop.runs.machine import needed
+from needlehoop.runs.machine import import_extra
 
 
 class Logger:
@@ -21,7 +21,7 @@ class Logger:
     def __init__(self, job: Job, values: Mapping[str, Any], folder: Path, steps: int):
         self._board: Any = None
         if "tensorboard" in job.logger:
-            board = needed("torch.utils.tensorboard", "logger=tensorboard", "tensorboard")
+            board = import_extra("torch.utils.tensorboard", "logger=tensorboard", "tensorboard")
             place = folder / "tensorboard"
             self._board = board.SummaryWriter(str(place), purge_step=steps + 1)
             print(f"tensorboard: see it with: tensorboard --logdir {place}")

@@ -27,7 +27,7 @@ from torch import Tensor
 from needlehoop.config import strict
 from needlehoop.learning.networks import Actor, PolicySpec
 from needlehoop.runs.files import write_whole
-from needlehoop.runs.machine import needed
+from needlehoop.runs.machine import import_extra
 
 PRECISION = "fp32"
 """What a policy in an ONNX file computes in, because few runtimes have bfloat16 on a CPU."""
@@ -192,7 +192,7 @@ def onnx_bytes(spec: PolicySpec, actor: Actor) -> bytes:
     and ``privileged_facts`` where it had them, float32 ``(n, length)``; its output is ``action``,
     float32 ``(n, action_size)``. Under ``needlehoop`` its metadata have the run's environment.
     """
-    needed("onnxscript", "what=policy", "onnx")
+    import_extra("onnxscript", "what=policy", "onnx")
     example = {
         **{name: torch.zeros(2, *s, dtype=torch.uint8) for name, s in spec.images.items()},
         **{name: torch.zeros(2, length) for name, length in spec.vectors.items()},

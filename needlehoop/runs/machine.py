@@ -36,7 +36,7 @@ def peak_memory() -> float:
     return peak / (1e9 if sys.platform == "darwin" else 1e6)
 
 
-def needed(module: str, by: str, extra: str) -> Any:
+def import_extra(module: str, by: str, extra: str) -> Any:
     """A module of an extra; ``ValueError`` that says how to install it."""
     try:
         return import_module(module)

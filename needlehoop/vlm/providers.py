@@ -18,7 +18,7 @@ from pydantic import ValidationError
 
 from needlehoop.config.strict import check_names
 from needlehoop.runs.files import write_whole
-from needlehoop.runs.machine import needed
+from needlehoop.runs.machine import import_extra
 from needlehoop.vlm.config import LiveConfig, ManualConfig
 from needlehoop.vlm.messages import (
     Message,
@@ -62,7 +62,7 @@ class LiveProvider:
     def __init__(self, config: LiveConfig):
         self._config, self._key = config, config.read_key()
         self.who = {"provider": config.kind, "model": config.model, "sampling": config.sent}
-        self._sdk = needed(self._package, f"vlm={config.kind}", config.kind)
+        self._sdk = import_extra(self._package, f"vlm={config.kind}", config.kind)
 
     def ask(self, request: Request) -> Reply:
         """The reply; ``ProviderError`` if there is none after all tries."""
