@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import mujoco
 import numpy as np
 
@@ -57,15 +55,11 @@ def build(settings: Settings, first_env: int = 0) -> Simulation:
     disturbance = None
     if amounts := s.disturb.amounts:
         views = tuple(dict.fromkeys(camera.view for camera in s.cameras))
-        seen = (things(model, task.paint), views, _middle(s, views), s.image_size)
+        # What the views in the room look at; without such views, what the pictures do.
+        room = [s.views[name] for name in views if s.views[name].body is None]
+        middle = np.mean([view.focus for view in room or [s.picture]], 0)
+        seen = (things(model, task.paint), views, middle, s.image_size)
         made = (amounts, model, *seen, s.episode.max_steps, s.num_envs, engine.device)
         disturbance = Disturbance(*made)
     reward = rewards.load(s.reward, task)
     return Simulation(s, engine, imager, reward, first_env, disturbance)
-
-
-def _middle(settings: Settings, views: Sequence[str]) -> np.ndarray:
-    """The point ``(3,)``, m, that the views in the room look at; without such views, pictures'."""
-    chosen = [settings.views[view] for view in views]
-    points = [view.focus for view in chosen if view.body is None]
-    return np.mean(points or [settings.picture.focus], 0)
