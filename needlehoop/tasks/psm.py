@@ -12,9 +12,8 @@ from torch import Tensor
 from needlehoop.robot import geometry as geo
 from needlehoop.robot import psm
 from needlehoop.scene.signals import Sensor, Signal, command, of_body, of_joints, of_site, touch
-from needlehoop.scene.spec import furnish
 from needlehoop.tasks.contract import Memory, Part, Robot, Weld
-from needlehoop.tasks.layout import Arm, ArmEpisode, ArmLayout, ToolEpisode, lengths, millimetres
+from needlehoop.tasks.layout import Arm, ArmEpisode, ToolEpisode, lengths, millimetres
 from needlehoop.tasks.start import Chance, Start
 
 _TOOL_SIGNALS = {
@@ -66,16 +65,6 @@ def start_of(layout: Arm, tool: Tensor, roll: Tensor, jaw: Tensor) -> dict[str, 
 def servos(robot: Mapping[str, Tensor]) -> Tensor:
     """Commands ``(n, 7)`` for ``joints`` ``(n, 6)``, rad and m, and ``jaw`` ``(n,)``, rad."""
     return torch.cat((robot["joints"], robot["jaw"].unsqueeze(-1)), -1)
-
-
-def build_arm(layout: ArmLayout, variant: str) -> mujoco.MjSpec:
-    """The arm alone (one of ``psm.VARIANTS``), its RCM in the world's origin."""
-    spec = psm.model_spec(variant, np.zeros(3), layout.grip)
-    furnish(spec, layout.timestep)
-    # All of it, from the tip to the motors.
-    spec.stat.extent = 1.0
-    spec.stat.center = [0.0, 0.35, 0.15]
-    return spec
 
 
 def act(
