@@ -32,27 +32,23 @@ def controller(name: str, settings: Settings) -> Controller:
 
     Raises ``ValueError`` for an unknown name, or a script for another control mode.
     """
-    if name == "random":
-        return random_controller(settings.episode.action_size, settings.seed)
     check_names("controller", [name], controllers(settings))
-    return settings.definition.controllers[name](settings.task, settings.episode)
+    if name != "random":
+        return settings.definition.controllers[name](settings.task, settings.episode)
+    generator = torch.Generator().manual_seed(settings.seed)
+
+    def act(signals: Signals) -> Tensor:
+        """Uniform over the whole range."""
+        shape = (*signals.batch_size, settings.episode.action_size)
+        drawn = torch.rand(shape, generator=generator, dtype=torch.float64)
+        return 2.0 * drawn.to(signals.elapsed.device) - 1.0
+
+    return act
 
 
 def by_name(name: str) -> MakeController:
     """Makes the controller of a name for any simulation; errors as in ``controller``."""
     return lambda simulation: controller(name, simulation.settings)
-
-
-def random_controller(action_size: int, seed: int) -> Controller:
-    """Uniform actions over the whole range."""
-    generator = torch.Generator().manual_seed(seed)
-
-    def act(signals: Signals) -> Tensor:
-        shape = (*signals.batch_size, action_size)
-        drawn = torch.rand(shape, generator=generator, dtype=torch.float64)
-        return 2.0 * drawn.to(signals.elapsed.device) - 1.0
-
-    return act
 
 
 class Perturbation:
