@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from torch import Tensor
 
-from needlehoop.scene.signals import Signal, signals_class
+from needlehoop.scene.signals import Signal
 from needlehoop.scene.spec import Materials
 from needlehoop.tasks.layout import Episode, Layout
 from needlehoop.tasks.start import Chance, Start
@@ -249,7 +249,12 @@ class Task:
 
     @cached_property
     def signals_class(self) -> type:
-        return signals_class(self.signals)
+        """The TensorClass with a field for each signal."""
+        # Slow to import.
+        from tensordict import TensorClass
+
+        fields = {"__annotations__": dict.fromkeys(self.signals, Tensor), "__module__": __name__}
+        return type("Signals", (TensorClass,), fields)
 
     @property
     def paint(self) -> dict[str, FlatClass]:
