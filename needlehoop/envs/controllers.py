@@ -95,7 +95,7 @@ class Step:
     action: Tensor | None
     """``(n, action_size)``, which led to ``moment``; ``None`` at the start."""
     alive: Tensor
-    """``(n,)`` bool: the moment belongs to an episode, at most as its last."""
+    """``(n,)`` bool. False once the environment's episode is over; its last moment still counts."""
 
     @property
     def goes_on(self) -> Tensor:

@@ -191,7 +191,10 @@ class Simulation:
         self.engine.restore(snapshot["engine"])
 
     def look(self, pays: bool = False) -> StepResult:
-        """The present moment once more; nothing moves. Nothing is paid unless it ``pays``."""
+        """The present moment once more; nothing moves.
+
+        ``pays``: whether the potential reached so far counts as paid from now on.
+        """
         data, diverged = self.engine.sensordata(), self.engine.diverged()
         data = torch.where(diverged.unsqueeze(-1), self._before, data)
         setup = (self.task, self.layout, self.episode)

@@ -58,7 +58,7 @@ class TorchRLEnv(EnvBase):
         super().__init__(device=self.simulation.device, batch_size=torch.Size([n]))
         self.moment = moment = self.simulation.reset()
         """What is known now; the signals among it are the whole state."""
-        # Reading the names consumed each environment's first episode: give it back.
+        # The reset above began each environment's first episode; reseed, so that it comes again.
         self.simulation.reseed(settings.seed)
 
         def group(names: Iterable[str], kind: Callable[[], Any]) -> Composite:

@@ -41,7 +41,8 @@ class Signal(NamedTuple):
     decided by the task. ``verdict``: a fact that reward programs may not see."""
     meaning: str
     sensors: tuple[Sensor, ...] = ()
-    """What it is read from. A single sensor has the signal's name, several their objects'."""
+    """What it is read from. One sensor is named after the signal; several are named after their
+    objects."""
 
     @property
     def size(self) -> int:

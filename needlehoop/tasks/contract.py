@@ -56,7 +56,7 @@ class Fact:
     """Whether the memory has ``has_<name>``: it was true at some time of the episode. A run's
     tables report that in its place."""
     timed: bool = False
-    """Whether the memory has ``<name>_since``: the last step after which it was not true."""
+    """Whether the memory has ``<name>_since``: the number of steps taken when it was last false."""
 
 
 @dataclass(frozen=True)

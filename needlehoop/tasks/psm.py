@@ -28,11 +28,11 @@ _TOOL_SIGNALS = {
 }
 
 _TENDON = Sensor(mujoco.mjtSensor.mjSENS_TENDONPOS, mujoco.mjtObj.mjOBJ_TENDON, "jaw")
-_APART = "angle between the jaws, 0 where they are closed"
+_JAW_MEANING = "angle between the jaws, 0 where they are closed"
 
 JOINT_SIGNALS = {
     "joints": of_joints(psm.JOINT_NAMES, "rad, m", ", ".join(psm.JOINT_NAMES)),
-    "jaw": Signal((), "rad", "joint", "sensor", _APART, (_TENDON,)),
+    "jaw": Signal((), "rad", "joint", "sensor", _JAW_MEANING, (_TENDON,)),
 }
 
 
