@@ -14,7 +14,7 @@ from needlehoop.config.changing import changed
 from needlehoop.config.strict import check_names
 from needlehoop.disturbances.axes import Disturb
 from needlehoop.envs.controllers import MakeController, by_name, controllers
-from needlehoop.envs.settings import Settings, compose_settings, import_trusted_task
+from needlehoop.envs.settings import Settings, compose_settings, import_task
 from needlehoop.learning.evaluate import acting, check_seed, load_agent, which_policy
 from needlehoop.learning.job import Job, checked_job
 from needlehoop.learning.networks import check_same
@@ -80,7 +80,7 @@ def flown_job(
             agent's networks were made for.
     """
     changes = list(words)
-    import_trusted_task(recorded, trust)
+    import_task(recorded, trust)
     original = checked_job(recorded)
     values, new_values = changed(recorded, changes, command)
     job = checked_job(values)
