@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import torch
+from tensordict import TensorClass, TensorDict
 from torch import Tensor
 
 from needlehoop.config.strict import check_names
@@ -130,11 +131,10 @@ def batches(settings: Settings, episodes: int, size: int) -> Iterator[Simulation
         yield build(batch, first_env=first)
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """How episodes ended, ``(n,)`` each, on the CPU, at each episode's own last step."""
+class Outcome(TensorClass):
+    """How episodes ended, ``(n,)`` each, at each episode's own last step."""
 
-    facts: dict[str, Tensor]
+    facts: TensorDict
     """What was true, by the names of ``Task.columns``."""
     potential: Tensor
     human: Tensor
@@ -160,28 +160,28 @@ class Outcome:
 
 def run_batches(settings: Settings, episodes: int, size: int, make: MakeController) -> Outcome:
     """The outcome of one episode in each of ``episodes`` environments; see ``batches``."""
-    parts = [outcome_of(batch, make(batch)) for batch in batches(settings, episodes, size)]
-    facts = {name: torch.cat([part.facts[name] for part in parts]) for name in parts[0].facts}
-    rest = ("potential", "human", "steps")
-    return Outcome(facts, *(torch.cat([getattr(part, name) for part in parts]) for name in rest))
+    return Outcome.cat([outcome_of(one, make(one)) for one in batches(settings, episodes, size)])
 
 
 def outcome_of(simulation: Simulation, controller: Controller) -> Outcome:
-    """The outcome of one episode in each environment."""
+    """The outcome of one episode in each environment, on the CPU."""
     columns, human = simulation.task.columns, reference_reward(simulation.task)
-    last: dict[str, Tensor] = {}
-    for step in rollout(simulation, controller):
-        moment = step.moment
-        now = {
-            **{name: moment.facts[fact] for name, fact in columns.items()},
-            "potential": moment.potential,
-            "human": potential(human(moment.signals)),
-            "steps": moment.steps,
-        }
-        last = {k: torch.where(step.alive, v, last[k]) if last else v for k, v in now.items()}
-    last = {name: value.cpu() for name, value in last.items()}
-    facts = {name: last.pop(name) for name in columns}
-    return Outcome(facts, **last)
+    size = [simulation.num_envs]
+
+    def now(moment: StepResult) -> Outcome:
+        return Outcome(
+            facts=TensorDict({name: moment.facts[fact] for name, fact in columns.items()}, size),
+            potential=moment.potential,
+            human=potential(human(moment.signals)),
+            steps=moment.steps,
+            batch_size=size,
+        )
+
+    steps = rollout(simulation, controller)
+    last = now(next(steps).moment)
+    for step in steps:
+        last = now(step.moment).where(step.alive, last)
+    return last.cpu()
 
 
 def run_trials(settings: Settings, name: str, episodes: int) -> Outcome:
