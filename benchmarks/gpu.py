@@ -126,7 +126,7 @@ def until_it_threads(envs: int, minutes: float) -> None:
 def main(device: str, sizes: list[int]) -> None:
     print(beside_the_cpu(device), flush=True)
     simulation = build(settings(device, 16))
-    summary = outcome_of(simulation, controller("expert", simulation.settings)).cpu().summary()
+    summary = outcome_of(simulation, controller("expert", simulation.settings)).summary()
     print(f"the expert threads in {summary['success']:.0%} of 16 episodes", flush=True)
     for envs in sizes:
         print(parts(device, envs, 60 if device == "cuda" else 5), flush=True)

@@ -30,8 +30,8 @@ def start(layout: NeedleLayout, uniform: Tensor) -> Start:
 
 def observe(layout, episode, memory, readings):
     """The memory from now on, the signals, and the grasp's weld (none by friction)."""
-    seen = stepping.observe(TASK, layout, episode, memory, readings)
-    return seen.memory, seen.signals, seen.welds.get("grasp")
+    memory, signals, _, welds = stepping.observe(TASK, layout, episode, memory, readings)
+    return memory, signals, welds.get("grasp")
 
 
 def spec_of(settings: Settings, psm: str) -> mujoco.MjSpec:

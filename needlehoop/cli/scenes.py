@@ -98,16 +98,20 @@ def _export_policy(keys: Any) -> None:
 
 
 def _arm(settings: Any) -> Any:
-    """The arm alone, with the keyframe ``home``."""
+    """The arm alone, its remote centre in the world's origin, with the keyframe ``home``."""
     import numpy as np
 
-    from needlehoop.robot.psm import HOME, poser
+    from needlehoop.robot.psm import HOME, model_spec, poser
+    from needlehoop.scene.spec import furnish
     from needlehoop.tasks.layout import ArmLayout
-    from needlehoop.tasks.psm import build_arm
 
     if not isinstance(settings.task, ArmLayout):
         raise ValueError(f"what: {settings.task.name} does not have one PSM; choose scene")
-    spec = build_arm(settings.task, settings.psm)
+    spec = model_spec(settings.psm, np.zeros(3), settings.task.grip)
+    furnish(spec, settings.task.timestep)
+    # All of it, from the tip to the motors.
+    spec.stat.extent = 1.0
+    spec.stat.center = [0.0, 0.35, 0.15]
     model = spec.compile()
     qpos = model.qpos0[None].copy()
     poser(model)(qpos, np.array([HOME]), np.zeros(1))

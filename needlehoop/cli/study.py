@@ -69,7 +69,7 @@ def _draw_cameras(findings: StudyFindings) -> None:
         return
 
     # They import torch.
-    from needlehoop.envs.settings import import_trusted_task
+    from needlehoop.envs.settings import import_task
     from needlehoop.learning.job import checked_job
     from needlehoop.pictures.stills import tiles
     from needlehoop.rewards import NONE
@@ -78,7 +78,7 @@ def _draw_cameras(findings: StudyFindings) -> None:
     for folder, cams in missing.items():
         try:
             values = Run.open(folder).config()
-            import_trusted_task(values, trust=False)
+            import_task(values, trust=False)
             images = tiles(replace(checked_job(values).env, reward=NONE), cams)
         except (ValueError, RuntimeError, KeyError) as error:
             print(f"no picture of {', '.join(cams)}: {folder}: {error}")

@@ -16,7 +16,7 @@ import numpy as np
 
 from needlehoop.demonstrations.episodes import Demonstration
 from needlehoop.envs.settings import Settings
-from needlehoop.scene.image_size import ImageSize, sides, typed
+from needlehoop.scene.image_size import ImageSize, extent, sides
 
 _PREFIX, _DEPTH = "observation.images.", "_depth"
 """A film's key is the camera's name between them, or after the first."""
@@ -65,7 +65,7 @@ def spans(settings: Settings) -> dict[str, Span]:
     size = settings.image_size
     if depths and min(sides(size)) < 16:
         raise ValueError(
-            f"image_size: {typed(size)}; LeRobot's films of depth need at least 16 pixels"
+            f"image_size: {extent(size)}; LeRobot's films of depth need at least 16 pixels"
         )
     return depths
 

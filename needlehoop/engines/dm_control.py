@@ -37,8 +37,8 @@ class Physics(dm_mujoco.Physics):
 class DmControlEngine(HostEngine):
     """``n`` scenes in dm_control, each with a copy of the model; arguments as in ``HostEngine``."""
 
-    def __init__(self, model: mujoco.MjModel, *args):
-        super().__init__(model, *args)
+    def __init__(self, model: mujoco.MjModel, **rest: Any):
+        super().__init__(model, **rest)
         self.physics = [Physics.from_model(MjModel(copy(model))) for _ in range(self.num_envs)]
         """Of each environment."""
         for physics in self.physics:

@@ -225,8 +225,8 @@ class HostEngine(Engine):
 class CpuEngine(HostEngine):
     """``n`` scenes on the CPU: mujoco.batch on threads. Arguments as for ``HostEngine``."""
 
-    def __init__(self, model: mujoco.MjModel, robot: Robot, num_envs: int, *args):
-        super().__init__(model, robot, num_envs, *args)
+    def __init__(self, model: mujoco.MjModel, robot: Robot, num_envs: int, **rest: Any):
+        super().__init__(model, robot, num_envs, **rest)
         self._batch = Batch(model, num_envs, self._threads)
         # A derived field is up to date from the first call after it was bound.
         for name in ("sensordata", *(FIELDS if self._renderer else ())):

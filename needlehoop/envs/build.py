@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import mujoco
 import numpy as np
 
@@ -52,20 +50,32 @@ def build(settings: Settings, first_env: int = 0) -> Simulation:
         from needlehoop.engines.warp_engine import WarpEngine as Kind
     else:
         from needlehoop.engines.engine import CpuEngine as Kind
-    images = (channels_of(s), s.image_size, s.quality)
-    engine = Kind(model, task.robot, s.num_envs, s.episode.substeps, *images, s.engine)
+    engine = Kind(
+        model=model,
+        robot=task.robot,
+        num_envs=s.num_envs,
+        substeps=s.episode.substeps,
+        views=channels_of(s),
+        size=s.image_size,
+        quality=s.quality,
+        config=s.engine,
+    )
     disturbance = None
     if amounts := s.disturb.amounts:
         views = tuple(dict.fromkeys(camera.view for camera in s.cameras))
-        seen = (things(model, task.paint), views, _middle(s, views), s.image_size)
-        made = (amounts, model, *seen, s.episode.max_steps, s.num_envs, engine.device)
-        disturbance = Disturbance(*made)
+        # What the views in the room look at; without such views, what the pictures do.
+        room = [s.views[name] for name in views if s.views[name].body is None]
+        middle = np.mean([view.focus for view in room or [s.picture]], 0)
+        disturbance = Disturbance(
+            amounts=amounts,
+            model=model,
+            things=things(model, task.paint),
+            views=views,
+            target=middle,
+            size=s.image_size,
+            max_steps=s.episode.max_steps,
+            num_envs=s.num_envs,
+            device=engine.device,
+        )
     reward = rewards.load(s.reward, task)
     return Simulation(s, engine, imager, reward, first_env, disturbance)
-
-
-def _middle(settings: Settings, views: Sequence[str]) -> np.ndarray:
-    """The point ``(3,)``, m, that the views in the room look at; without such views, pictures'."""
-    chosen = [settings.views[view] for view in views]
-    points = [view.focus for view in chosen if view.body is None]
-    return np.mean(points or [settings.picture.focus], 0)

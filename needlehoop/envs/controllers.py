@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import torch
+from tensordict import TensorClass, TensorDict
 from torch import Tensor
 
 from needlehoop.config.strict import check_names
@@ -32,27 +33,23 @@ def controller(name: str, settings: Settings) -> Controller:
 
     Raises ``ValueError`` for an unknown name, or a script for another control mode.
     """
-    if name == "random":
-        return random_controller(settings.episode.action_size, settings.seed)
     check_names("controller", [name], controllers(settings))
-    return settings.definition.controllers[name](settings.task, settings.episode)
+    if name != "random":
+        return settings.definition.controllers[name](settings.task, settings.episode)
+    generator = torch.Generator().manual_seed(settings.seed)
+
+    def act(signals: Signals) -> Tensor:
+        """Uniform over the whole range."""
+        shape = (*signals.batch_size, settings.episode.action_size)
+        drawn = torch.rand(shape, generator=generator, dtype=torch.float64)
+        return 2.0 * drawn.to(signals.elapsed.device) - 1.0
+
+    return act
 
 
 def by_name(name: str) -> MakeController:
     """Makes the controller of a name for any simulation; errors as in ``controller``."""
     return lambda simulation: controller(name, simulation.settings)
-
-
-def random_controller(action_size: int, seed: int) -> Controller:
-    """Uniform actions over the whole range."""
-    generator = torch.Generator().manual_seed(seed)
-
-    def act(signals: Signals) -> Tensor:
-        shape = (*signals.batch_size, action_size)
-        drawn = torch.rand(shape, generator=generator, dtype=torch.float64)
-        return 2.0 * drawn.to(signals.elapsed.device) - 1.0
-
-    return act
 
 
 class Perturbation:
@@ -99,7 +96,7 @@ class Step:
     action: Tensor | None
     """``(n, action_size)``, which led to ``moment``; ``None`` at the start."""
     alive: Tensor
-    """``(n,)`` bool: the moment belongs to an episode, at most as its last."""
+    """``(n,)`` bool. False once the environment's episode is over; its last moment still counts."""
 
     @property
     def goes_on(self) -> Tensor:
@@ -134,11 +131,10 @@ def batches(settings: Settings, episodes: int, size: int) -> Iterator[Simulation
         yield build(batch, first_env=first)
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """How episodes ended, ``(n,)`` each, on the CPU, at each episode's own last step."""
+class Outcome(TensorClass):
+    """How episodes ended, ``(n,)`` each, at each episode's own last step."""
 
-    facts: dict[str, Tensor]
+    facts: TensorDict
     """What was true, by the names of ``Task.columns``."""
     potential: Tensor
     human: Tensor
@@ -164,28 +160,28 @@ class Outcome:
 
 def run_batches(settings: Settings, episodes: int, size: int, make: MakeController) -> Outcome:
     """The outcome of one episode in each of ``episodes`` environments; see ``batches``."""
-    parts = [outcome_of(batch, make(batch)) for batch in batches(settings, episodes, size)]
-    facts = {name: torch.cat([part.facts[name] for part in parts]) for name in parts[0].facts}
-    rest = ("potential", "human", "steps")
-    return Outcome(facts, *(torch.cat([getattr(part, name) for part in parts]) for name in rest))
+    return Outcome.cat([outcome_of(one, make(one)) for one in batches(settings, episodes, size)])
 
 
 def outcome_of(simulation: Simulation, controller: Controller) -> Outcome:
-    """The outcome of one episode in each environment."""
+    """The outcome of one episode in each environment, on the CPU."""
     columns, human = simulation.task.columns, reference_reward(simulation.task)
-    last: dict[str, Tensor] = {}
-    for step in rollout(simulation, controller):
-        moment = step.moment
-        now = {
-            **{name: moment.facts[fact] for name, fact in columns.items()},
-            "potential": moment.potential,
-            "human": potential(human(moment.signals)),
-            "steps": moment.steps,
-        }
-        last = {k: torch.where(step.alive, v, last[k]) if last else v for k, v in now.items()}
-    last = {name: value.cpu() for name, value in last.items()}
-    facts = {name: last.pop(name) for name in columns}
-    return Outcome(facts, **last)
+    size = [simulation.num_envs]
+
+    def now(moment: StepResult) -> Outcome:
+        return Outcome(
+            facts=TensorDict({name: moment.facts[fact] for name, fact in columns.items()}, size),
+            potential=moment.potential,
+            human=potential(human(moment.signals)),
+            steps=moment.steps,
+            batch_size=size,
+        )
+
+    steps = rollout(simulation, controller)
+    last = now(next(steps).moment)
+    for step in steps:
+        last = now(step.moment).where(step.alive, last)
+    return last.cpu()
 
 
 def run_trials(settings: Settings, name: str, episodes: int) -> Outcome:

@@ -121,33 +121,27 @@ def compose_settings(overrides: Iterable[str] = (), name: str = "env") -> Settin
 
 def settings_from(values: Mapping[str, Any]) -> Settings:
     """Settings from a composed config that somebody typed; keys of other tools are ignored."""
-    import_task(values)
+    import_task(values, trust=True)
     settings = strict.as_type(with_task(values), Settings)
     return replace(settings, reward=rewards.with_function(settings.reward))
 
 
-def import_task(values: Mapping[str, Any]) -> None:
-    """Import the task that a typed config names, if it is from elsewhere; see ``registry.add``."""
-    registry.add(*_named(values))
+def import_task(values: Mapping[str, Any], trust: bool) -> None:
+    """Import the task that a config names, if it is from elsewhere; see ``registry.add``.
 
-
-def import_trusted_task(values: Mapping[str, Any], trust: bool) -> None:
-    """The same for a config from a run's files; ``ValueError`` for a foreign one without trust."""
-    name, folder = _named(values)
+    ``trust``: whether its code may run. What somebody typed is trusted; a run's files are only
+    where the person says so. ``ValueError`` for a task from elsewhere without trust.
+    """
+    task = values.get("task")
+    name = task.get("name") if isinstance(task, Mapping) else None
+    folder = strict.structure(values.get("task_dir"), str | None, "task_dir")
     if not trust and registry.is_from_elsewhere(name, folder):
         origin = "an installed package" if folder is None else folder
         raise ValueError(
             f"task: the run's files name Python code, {shown(name)} of {shown(origin)}, which would"
             " be imported and run; add trust=true if you trust them"
         )
-    import_task(values)
-
-
-def _named(values: Mapping[str, Any]) -> tuple[Any, str | None]:
-    """A task's name and ``task_dir``."""
-    task, folder = values.get("task"), values.get("task_dir")
-    name = task.get("name") if isinstance(task, Mapping) else None
-    return name, strict.structure(folder, str | None, "task_dir")
+    registry.add(name, folder)
 
 
 def with_task(values: Mapping[str, Any]) -> dict[str, Any]:

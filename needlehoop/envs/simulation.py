@@ -18,7 +18,7 @@ from needlehoop.rewards import Reward, potential
 from needlehoop.scene.signals import Readings, Signals, columns
 from needlehoop.tasks.contract import DIVERGED, Task
 from needlehoop.tasks.start import Chance, draws
-from needlehoop.tasks.stepping import act, begin, is_terminated, is_truncated, observe
+from needlehoop.tasks.stepping import act, begin, ends, observe
 
 if TYPE_CHECKING:
     from needlehoop.engines.engine import Engine
@@ -191,30 +191,31 @@ class Simulation:
         self.engine.restore(snapshot["engine"])
 
     def look(self, pays: bool = False) -> StepResult:
-        """The present moment once more; nothing moves. Nothing is paid unless it ``pays``."""
+        """The present moment once more; nothing moves.
+
+        ``pays``: whether the potential reached so far counts as paid from now on.
+        """
         data, diverged = self.engine.sensordata(), self.engine.diverged()
         data = torch.where(diverged.unsqueeze(-1), self._before, data)
         setup = (self.task, self.layout, self.episode)
-        seen = observe(*setup, self.state, self._readings(data))
-        self.state = seen.memory
-        self.engine.weld(seen.welds)
-        terms = self.reward(seen.signals)
+        self.state, signals, facts, welds = observe(*setup, self.state, self._readings(data))
+        facts[DIVERGED] = diverged
+        self.engine.weld(welds)
+        terms = self.reward(signals)
         total = potential(terms)
         reward = total - self._potential
         if pays:
             self._potential = total
-        terminated = is_terminated(self.episode, seen.facts)
-        late = is_truncated(self.episode, seen.memory, seen.facts)
-        truncated = late | (diverged & ~terminated)
+        terminated, truncated = ends(self.episode, self.state, facts)
         return StepResult(
-            signals=seen.signals,
+            signals=signals,
             terms=terms,
             potential=total,
             reward=reward,
-            facts={**seen.facts, DIVERGED: diverged},
+            facts=facts,
             terminated=terminated,
             truncated=truncated,
-            steps=seen.memory["steps"],
+            steps=self.state["steps"],
         )
 
     def _vary(self, ids: Tensor) -> None:

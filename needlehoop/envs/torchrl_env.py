@@ -58,7 +58,7 @@ class TorchRLEnv(EnvBase):
         super().__init__(device=self.simulation.device, batch_size=torch.Size([n]))
         self.moment = moment = self.simulation.reset()
         """What is known now; the signals among it are the whole state."""
-        # Reading the names consumed each environment's first episode: give it back.
+        # The reset above began each environment's first episode; reseed, so that it comes again.
         self.simulation.reseed(settings.seed)
 
         def group(names: Iterable[str], kind: Callable[[], Any]) -> Composite:
@@ -107,31 +107,27 @@ class TorchRLEnv(EnvBase):
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs) -> TensorDict:
         resets = None if tensordict is None else tensordict.get("_reset", None)
-        no = torch.zeros(*self.batch_size, 1, dtype=torch.bool, device=self.device)
-        ends = {"done": no, "terminated": no.clone(), "truncated": no.clone()}
         if self._is_restored and (resets is None or bool(resets.all())):
             self._is_restored = False
-            return self._tensordict(self.simulation.look(), ends, no.nonzero().flatten())
+            return self._tensordict(self.simulation.look(), torch.zeros(0, dtype=torch.int64))
         mask = None if resets is None else resets.reshape(self.batch_size[0])
         first = self.simulation.state is None
         if first:
             self._observer.pixels = {}
-        self._set_level()
+        disturbance, ramp = self.simulation.disturbance, self.settings.disturb.ramp
+        if disturbance is not None:
+            # Of the episodes that begin now.
+            disturbance.level = min(1.0, self.done_share / ramp) if ramp > 0 else 1.0
         self.simulation.begin(mask, stagger=self._stagger)
         fresh = None if mask is None or first else mask.nonzero().flatten()
         images = self.begin_look(fresh)
-        return self._tensordict(self.simulation.look(), ends, fresh, images)
+        # TorchRL fills in that nothing has ended.
+        return self._tensordict(self.simulation.look(), fresh, images)
 
     @property
     def done_share(self) -> float:
         """Share of the training that is done; 1 where none is under way."""
         return 1.0 if self._length is None else min(1.0, self._taken / self._length)
-
-    def _set_level(self) -> None:
-        """Scale the disturbances of the episodes that begin now."""
-        disturbance, ramp = self.simulation.disturbance, self.settings.disturb.ramp
-        if disturbance is not None:
-            disturbance.level = min(1.0, self.done_share / ramp) if ramp > 0 else 1.0
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
         self._taken += 1
@@ -140,14 +136,12 @@ class TorchRLEnv(EnvBase):
         # Images and facts are of the same moment: one need not wait for the other.
         images = self.begin_look()
         moment = simulation.observe()
-        terminated, truncated = moment.terminated.unsqueeze(-1), moment.truncated.unsqueeze(-1)
-        ends = {
-            "done": terminated | truncated,
-            "terminated": terminated,
-            "truncated": truncated,
-            "reward": moment.reward.unsqueeze(-1).float(),
-        }
-        return self._tensordict(moment, ends, None, images)
+        out = self._tensordict(moment, None, images)
+        # TorchRL fills in ``done``.
+        out["terminated"] = moment.terminated.unsqueeze(-1)
+        out["truncated"] = moment.truncated.unsqueeze(-1)
+        out["reward"] = moment.reward.unsqueeze(-1).float()
+        return out
 
     def begin_look(self, ids: Tensor | None = None) -> Callable[[], dict[str, Tensor]]:
         """Begin to take images, in a thread where there are CPUs; the returned function waits."""
@@ -163,11 +157,10 @@ class TorchRLEnv(EnvBase):
     def _tensordict(
         self,
         moment: StepResult,
-        rest: dict[str, Any],
         ids: Tensor | None,
         images: Callable[[], dict[str, Tensor]] = dict,
     ) -> TensorDict:
-        """All keys; images are renewed in environments ``ids`` (in all by default)."""
+        """What is observed; images are renewed in environments ``ids`` (``None``: in all)."""
         self.moment = moment
         out = {
             "facts": {name: fact.unsqueeze(-1) for name, fact in moment.facts.items()},
@@ -175,6 +168,5 @@ class TorchRLEnv(EnvBase):
             "potential": moment.potential.unsqueeze(-1).float(),
             "steps": moment.steps.unsqueeze(-1),
             **self._observer(moment.signals, ids, images()),
-            **rest,
         }
         return TensorDict(out, batch_size=self.batch_size)

@@ -38,7 +38,7 @@ class GymnasiumVectorEnv(VectorEnv):
     - ``NEXT_STEP``: its next step begins an episode; that action is ignored, the reward is 0.
     - ``SAME_STEP``: the same step does; ``infos["final_obs"]`` (an array of observations or
       ``None``) and ``infos["final_info"]`` have what the episode ended with.
-    - ``DISABLED``: ``reset(options={"reset_mask": mask})`` does, and must, before the next step.
+    - ``DISABLED``: nothing; reset it with ``options={"reset_mask": mask}`` before the next step.
 
     A reset with a mask returns the observations of all and the infos of those in the mask.
 

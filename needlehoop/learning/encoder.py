@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from needlehoop.config.strict import OneOf, Range, check_names
-from needlehoop.scene.image_size import ImageSize, sides, typed
+from needlehoop.scene.image_size import ImageSize, extent, sides
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class EncoderConfig:
         least = self.stem * 2 ** len(self.channels)
         if any(side % self.stem or side < least for side in sides(size)):
             raise ValueError(
-                f"image_size: {typed(size)} does not fit encoder={self.name}:"
+                f"image_size: {extent(size)} does not fit encoder={self.name}:"
                 f" choose a multiple of {self.stem}, at least {least}"
             )
 

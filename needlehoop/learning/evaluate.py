@@ -142,9 +142,9 @@ def load_agent(run: Run, job: Job, device: torch.device, policy: str = "last") -
 def with_intervals(task: Task, outcome: Outcome) -> dict[str, Any]:
     """An outcome's summary, with 95 % Wilson intervals of success and cheats."""
     n, summary = len(outcome.steps), dict[str, Any](outcome.summary())
-    for name in ("success", "cheat"):
-        if name in outcome.facts:
-            summary[f"{name}_95"] = wilson(int(outcome.facts[name].sum()), n)
+    for name, fact in outcome.facts.items():
+        if name in ("success", "cheat"):
+            summary[f"{name}_95"] = wilson(int(fact.sum()), n)
     spread = float(outcome.potential.std()) if n > 1 else None
     unit = getattr(reference_reward(task), "unit", None)
     return {**summary, "return_sd": spread, "human_unit": unit}

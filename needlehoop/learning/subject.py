@@ -12,7 +12,7 @@ import torch
 from needlehoop import rewards
 from needlehoop.config.changing import changed
 from needlehoop.envs.controllers import MakeController
-from needlehoop.envs.settings import Settings, import_trusted_task
+from needlehoop.envs.settings import Settings, import_task
 from needlehoop.learning.evaluate import acting, check_seed, load_agent, which_policy
 from needlehoop.learning.job import Job, checked_job
 from needlehoop.learning.networks import check_same
@@ -61,7 +61,7 @@ def flown_job(
             agent's networks were made for.
     """
     changes = list(words)
-    import_trusted_task(recorded, trust)
+    import_task(recorded, trust)
     original = checked_job(recorded)
     values, new_values = changed(recorded, changes, command)
     job = checked_job(values)

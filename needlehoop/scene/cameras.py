@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Annotated, Any, NamedTuple
 
+import mujoco
 import numpy as np
 
 from needlehoop.config.strict import Range, check_names
@@ -204,15 +205,8 @@ def _on_orbit(orbit: Orbit) -> tuple[np.ndarray, np.ndarray]:
     )
     position = np.asarray(orbit.target) + orbit.distance * outward
     # Turned up from looking straight down, then about the vertical.
-    tilt, turn = (np.pi / 2 - elevation) / 2, -azimuth / 2
-    quaternion = np.array(
-        [
-            np.cos(turn) * np.cos(tilt),
-            np.cos(turn) * np.sin(tilt),
-            np.sin(turn) * np.sin(tilt),
-            np.sin(turn) * np.cos(tilt),
-        ]
-    )
+    quaternion = np.zeros(4)
+    mujoco.mju_euler2Quat(quaternion, [-azimuth, np.pi / 2 - elevation, 0.0], "zxz")
     return position, quaternion
 
 

@@ -32,10 +32,9 @@ def sides(size: ImageSize) -> tuple[int, int]:
     return (size, size) if isinstance(size, int) else size
 
 
-def typed(size: ImageSize) -> str:
-    """As ``image_size`` is typed: ``64`` or ``[80,64]``."""
-    width, height = sides(size)
-    return str(width) if width == height else f"[{width},{height}]"
+def extent(size: ImageSize) -> str:
+    """In words: ``64`` or ``80 by 64``."""
+    return " by ".join(map(str, dict.fromkeys(sides(size))))
 
 
 def scaled_to(size: ImageSize, longer: int) -> ImageSize:

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 Signals = Any
-"""Signals of ``n`` environments: a TensorClass of ``signals_class``, a field a signal.
+"""Signals of ``n`` environments: a ``Task.signals_class``, a field a signal.
 
 Floating signals are float64, so that every engine gives the same bits.
 """
@@ -41,7 +41,8 @@ class Signal(NamedTuple):
     decided by the task. ``verdict``: a fact that reward programs may not see."""
     meaning: str
     sensors: tuple[Sensor, ...] = ()
-    """What it is read from. A single sensor has the signal's name, several their objects'."""
+    """What it is read from. One sensor is named after the signal; several are named after their
+    objects."""
 
     @property
     def size(self) -> int:
@@ -89,15 +90,6 @@ def touch(geom: str, body: str, meaning: str) -> Signal:
 def command(unit: str, meaning: str) -> Signal:
     """A joint's command, which is in the robot's memory."""
     return Signal((), unit, "joint", "command", meaning)
-
-
-def signals_class(table: Mapping[str, Signal]) -> type:
-    """The TensorClass with a field for each signal of a table."""
-    # Slow to import.
-    from tensordict import TensorClass
-
-    fields = {"__annotations__": dict.fromkeys(table, Tensor), "__module__": __name__}
-    return type("Signals", (TensorClass,), fields)
 
 
 def sensors_of(table: Mapping[str, Signal]) -> dict[str, Sensor]:

@@ -15,7 +15,7 @@ import viser
 from needlehoop.disturbances.axes import AXES
 from needlehoop.envs.settings import Settings
 from needlehoop.scene.cameras import View, pose_of
-from needlehoop.scene.image_size import typed
+from needlehoop.scene.image_size import extent
 from needlehoop.studio import judging, placing
 from needlehoop.studio.players import BY_HAND, Hand, has_sliders
 from needlehoop.studio.stage import Stage
@@ -132,7 +132,7 @@ class Page:
         self.axis = self._on(gui.add_dropdown("disturbance", ("none", *AXES)), self._disturb)
         self.severity = self._on(gui.add_slider("severity", 0, 5, 1, 3), self._disturb)
         self._meaning = gui.add_markdown("")
-        sizes = f"the agent's {typed(settings.image_size)} px, and {world.size} px"
+        sizes = f"the agent's {extent(settings.image_size)} px, and {world.size} px"
         blank = np.zeros((8, 16, 3), np.uint8)
         self._pictures = {
             name: gui.add_image(blank, label=f"{name}: {sizes}", jpeg_quality=95)

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from torch import Tensor
 
-from needlehoop.scene.signals import Signal, signals_class
+from needlehoop.scene.signals import Signal
 from needlehoop.scene.spec import Materials
 from needlehoop.tasks.layout import Episode, Layout
 from needlehoop.tasks.start import Chance, Start
@@ -56,7 +56,7 @@ class Fact:
     """Whether the memory has ``has_<name>``: it was true at some time of the episode. A run's
     tables report that in its place."""
     timed: bool = False
-    """Whether the memory has ``<name>_since``: the last step after which it was not true."""
+    """Whether the memory has ``<name>_since``: the number of steps taken when it was last false."""
 
 
 @dataclass(frozen=True)
@@ -249,7 +249,12 @@ class Task:
 
     @cached_property
     def signals_class(self) -> type:
-        return signals_class(self.signals)
+        """The TensorClass with a field for each signal."""
+        # Slow to import.
+        from tensordict import TensorClass
+
+        fields = {"__annotations__": dict.fromkeys(self.signals, Tensor), "__module__": __name__}
+        return type("Signals", (TensorClass,), fields)
 
     @property
     def paint(self) -> dict[str, FlatClass]:

@@ -12,9 +12,8 @@ from torch import Tensor
 from needlehoop.robot import geometry as geo
 from needlehoop.robot import psm
 from needlehoop.scene.signals import Sensor, Signal, command, of_body, of_joints, of_site, touch
-from needlehoop.scene.spec import furnish
 from needlehoop.tasks.contract import Memory, Part, Robot, Weld
-from needlehoop.tasks.layout import Arm, ArmEpisode, ArmLayout, ToolEpisode, lengths, millimetres
+from needlehoop.tasks.layout import Arm, ArmEpisode, ToolEpisode, lengths, millimetres
 from needlehoop.tasks.start import Chance, Start
 
 _TOOL_SIGNALS = {
@@ -29,11 +28,11 @@ _TOOL_SIGNALS = {
 }
 
 _TENDON = Sensor(mujoco.mjtSensor.mjSENS_TENDONPOS, mujoco.mjtObj.mjOBJ_TENDON, "jaw")
-_APART = "angle between the jaws, 0 where they are closed"
+_JAW_MEANING = "angle between the jaws, 0 where they are closed"
 
 JOINT_SIGNALS = {
     "joints": of_joints(psm.JOINT_NAMES, "rad, m", ", ".join(psm.JOINT_NAMES)),
-    "jaw": Signal((), "rad", "joint", "sensor", _APART, (_TENDON,)),
+    "jaw": Signal((), "rad", "joint", "sensor", _JAW_MEANING, (_TENDON,)),
 }
 
 
@@ -66,16 +65,6 @@ def start_of(layout: Arm, tool: Tensor, roll: Tensor, jaw: Tensor) -> dict[str, 
 def servos(robot: Mapping[str, Tensor]) -> Tensor:
     """Commands ``(n, 7)`` for ``joints`` ``(n, 6)``, rad and m, and ``jaw`` ``(n,)``, rad."""
     return torch.cat((robot["joints"], robot["jaw"].unsqueeze(-1)), -1)
-
-
-def build_arm(layout: ArmLayout, variant: str) -> mujoco.MjSpec:
-    """The arm alone (one of ``psm.VARIANTS``), its RCM in the world's origin."""
-    spec = psm.model_spec(variant, np.zeros(3), layout.grip)
-    furnish(spec, layout.timestep)
-    # All of it, from the tip to the motors.
-    spec.stat.extent = 1.0
-    spec.stat.center = [0.0, 0.35, 0.15]
-    return spec
 
 
 def act(
@@ -120,9 +109,9 @@ def _tip_joints(layout: Arm, tool: Tensor, roll: Tensor) -> Tensor:
 def _from_rcm(layout: Arm, place: Tensor) -> Tensor:
     """Places ``(n, 3)``, m, in the remote centre's frame."""
     away = place - place.new_tensor(layout.rcm)
-    if not layout.tilt:
+    if not layout.rcm_tilt:
         return away
-    half = -layout.tilt / 2
+    half = -layout.rcm_tilt / 2
     return geo.rotate(away.new_tensor((np.cos(half), 0.0, np.sin(half), 0.0)), away)
 
 
@@ -168,7 +157,7 @@ def begin(rules: ToolEpisode, robot: Mapping[str, Tensor]) -> dict[str, Tensor]:
 
 def model(layout: Arm, variant: str) -> mujoco.MjSpec:
     """One of ``psm.VARIANTS`` where the layout says that it stands."""
-    return psm.model_spec(variant, layout.rcm, layout.grip, layout.tilt)
+    return psm.model_spec(variant, layout.rcm, layout.grip, layout.rcm_tilt)
 
 
 def _poser(model: mujoco.MjModel) -> Callable[[np.ndarray, Start], None]:
@@ -274,7 +263,7 @@ def outside_jaws(wrist: Tensor, tool_quat: Tensor, jaw: Tensor, points: Tensor) 
 
 def arm_values(layout: Arm, rules: ToolEpisode) -> dict[str, object]:
     """``control``, ``jaw_closed``, ``jaw_open``, ``jaw_start``, and ``lengths`` of the layout."""
-    axes = "each axis of its arm's base" if layout.tilt else "each of them"
+    axes = "each axis of its arm's base" if layout.rcm_tilt else "each of them"
     turned_about = {"tip": "its own axis", "pose": axes}[rules.control]
     return {
         **lengths(layout),

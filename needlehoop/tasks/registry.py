@@ -53,7 +53,7 @@ def is_from_elsewhere(name: object, folder: str | None) -> bool:
 
 
 def add(name: object, folder: str | None) -> None:
-    """Import a task from ``task_dir`` or an installed package, if it is from there.
+    """Import a task from ``task_dir`` or an installed package; a built-in task needs no import.
 
     Raises:
         ValueError: no such task, an error in its code, or a task that leaves something out.

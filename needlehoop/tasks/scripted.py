@@ -71,9 +71,9 @@ class Script:
         squeezing = s.jaw_command > self.layout.jaw_closed + 0.02
         return choose(squeezing, torch.zeros_like(move), move)
 
-    def slowly(self, height: Tensor) -> tuple[Tensor, Tensor]:
-        """How surely a thing at a height off the ground ``(n,)``, m, is held, from 0 to 1; and the
-        largest move ``(n,)`` up, m."""
+    def rising(self, height: Tensor) -> tuple[Tensor, Tensor]:
+        """How surely a thing at this height ``(n,)``, m, is held (0 to 1), and the largest move up
+        ``(n,)`` that is asked for, m."""
         off = ramp(height, *_OFF)
         fastest = torch.lerp(torch.full_like(off, _START), torch.ones_like(off), off)
         return off, self.asking(1.0) * fastest

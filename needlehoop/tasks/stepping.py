@@ -3,27 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from needlehoop.scene.signals import Signals
-from needlehoop.tasks.contract import Memory, Task, Weld
+from needlehoop.tasks.contract import DIVERGED, Memory, Task, Weld
 from needlehoop.tasks.layout import Episode, Layout
 from needlehoop.tasks.start import Start
-
-
-class Seen(NamedTuple):
-    """What a task makes of a scene's readings."""
-
-    memory: Memory
-    """From now on."""
-    signals: Signals
-    facts: dict[str, Tensor]
-    """``(n,)`` bool by name, in the order of ``Task.all_facts``, without ``diverged``, which the
-    engine tells."""
-    welds: dict[str, Weld]
 
 
 def begin(task: Task, rules: Episode, start: Start) -> Memory:
@@ -67,8 +54,13 @@ def act(
 
 def observe(
     task: Task, layout: Layout, rules: Episode, memory: Memory, readings: Mapping[str, Tensor]
-) -> Seen:
-    """Decide the facts from readings and the memory after the action."""
+) -> tuple[Memory, Signals, dict[str, Tensor], dict[str, Weld]]:
+    """Decide the facts from readings and the memory after the action.
+
+    Returns:
+        The memory from now on; the signals; the facts ``(n,)`` bool by name, in the order of
+        ``Task.all_facts``, without ``diverged``, which the engine tells; and the welds.
+    """
     facts, welds = task.observe(layout, rules, memory, readings)
     kept = {fact.name: facts[fact.name] for fact in task.facts if fact.remembered}
     for fact in task.facts:
@@ -90,14 +82,11 @@ def observe(
     if task.cheat is not None:
         known["cheat"] = task.cheat(memory, signals)
     ordered = {name: known[name] for name in task.all_facts if name in known}
-    return Seen(memory, signals, ordered, welds)
+    return memory, signals, ordered, welds
 
 
-def is_terminated(rules: Episode, facts: Mapping[str, Tensor]) -> Tensor:
-    """Success ends an episode, unless the rules let it run on; ``(n,)`` bool."""
-    return facts["success"] & rules.end_on_success
-
-
-def is_truncated(rules: Episode, memory: Memory, facts: Mapping[str, Tensor]) -> Tensor:
-    """The time is up and success did not end it; ``(n,)`` bool."""
-    return (memory["steps"] >= rules.max_steps) & ~is_terminated(rules, facts)
+def ends(rules: Episode, memory: Memory, facts: Mapping[str, Tensor]) -> tuple[Tensor, Tensor]:
+    """Whether success ends episodes, and else whether time or divergence does; ``(n,)`` bool."""
+    terminated = facts["success"] & rules.end_on_success
+    late = memory["steps"] >= rules.max_steps
+    return terminated, (late | facts[DIVERGED]) & ~terminated

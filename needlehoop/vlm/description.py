@@ -18,7 +18,7 @@ from needlehoop.envs.settings import Settings
 from needlehoop.rewards.language.functions import FUNCTIONS
 from needlehoop.rewards.language.program import MAX_EXPONENT
 from needlehoop.scene.cameras import Rendering, View, line_of_sight, pose_of
-from needlehoop.scene.image_size import ImageSize, sides
+from needlehoop.scene.image_size import ImageSize, extent, sides
 from needlehoop.scene.signals import describe, vocabulary
 from needlehoop.tasks.contract import Task, Telling
 from needlehoop.vlm.moments import ranges
@@ -137,11 +137,6 @@ def cameras(settings: Settings, renderings: Sequence[str]) -> str:
         example=f"{renderings[0]}_{next(iter(views))}",
         pixels=extent(size),
     )
-
-
-def extent(size: ImageSize) -> str:
-    """What prompts say before ``pixels wide and high``."""
-    return " by ".join(map(str, dict.fromkeys(sides(size))))
 
 
 def view(view: View, task: Task, size: ImageSize) -> str:

@@ -20,6 +20,7 @@ from needlehoop.config.strict import Range
 from needlehoop.envs.settings import Settings
 from needlehoop.runs.files import csv_text
 from needlehoop.scene.cameras import parse_cameras
+from needlehoop.scene.image_size import extent
 from needlehoop.vlm import description
 from needlehoop.vlm.album import Album
 from needlehoop.vlm.config import Samples
@@ -154,9 +155,7 @@ def opening(
         texts.append(description.cameras(settings, [*shown.renderings]))
     texts.append(description.stages(settings, prompt_detail))
     album = album.renamed(description.stage_names(settings, prompt_detail))
-    text = fill(
-        "rank_afresh", told="\n\n".join(texts), pixels=description.extent(settings.image_size)
-    )
+    text = fill("rank_afresh", told="\n\n".join(texts), pixels=extent(settings.image_size))
     return [text, *album.show(shown.cams), *album.show_seen(shown.cams)]
 
 

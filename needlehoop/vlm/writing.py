@@ -17,6 +17,7 @@ from needlehoop.rewards.language.program import ProgramError, compile_program
 from needlehoop.rewards.program_reward import KINDS
 from needlehoop.runs.files import METRICS, VIDEO
 from needlehoop.runs.run import Run
+from needlehoop.scene.image_size import extent
 from needlehoop.vlm import description
 from needlehoop.vlm.album import Album
 from needlehoop.vlm.config import Gates
@@ -124,7 +125,7 @@ def reward_prompt(
         cameras[camera.name] = (
             f"{description.view(views[camera.view], task, settings.image_size)}; {shown}"
         )
-    pixels, listed = description.extent(settings.image_size), description.bullets(cameras)
+    pixels, listed = extent(settings.image_size), description.bullets(cameras)
     text = fill("reward_images", reward=text, cameras=listed, pixels=pixels)
     return [text, *album.show([*cameras], "start")]
 

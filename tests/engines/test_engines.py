@@ -9,7 +9,7 @@ from strength import ALL
 from needlehoop.engines.contract import RENDERERS, EngineConfig
 from needlehoop.envs import dm_control_env as dm_env
 from needlehoop.envs.build import build
-from needlehoop.envs.controllers import random_controller
+from needlehoop.envs.controllers import controller
 from needlehoop.envs.settings import compose_settings
 from needlehoop.tasks.needle_hoop import TASK
 from needlehoop.tasks.needle_hoop.expert import Expert
@@ -39,7 +39,7 @@ def test_dm_controls_face_and_the_batch_agree_bit_for_bit(control):
     words = ["num_envs=2", "seed=5", f"episode.control={control}", "episode.max_steps=30"]
     settings = compose_settings(words)
     batch, singles = build(settings), [dm_env.load(settings, env=env) for env in range(2)]
-    act = random_controller(settings.episode.action_size, seed=3)
+    act = controller("random", replace(settings, seed=3))
     if control == "tip":
         act = Expert(settings.task, settings.episode)
     moment, grasped = batch.reset(), False
@@ -66,7 +66,7 @@ def test_every_world_shows_every_object_in_every_frame(renderer):
     # A render context that was spoilt at its first launch drops objects for good.
     settings = compose_settings([*CAMS, "num_envs=5", "seed=2"])
     simulation = build(replace(settings, engine=EngineConfig(2, renderer, "cpu")))
-    act, moment = random_controller(5, seed=0), simulation.reset()
+    act, moment = controller("random", replace(settings, seed=0)), simulation.reset()
     colours = settings.renderings["seg"].colours
     for _ in range(3):
         flat = simulation.images()["seg_side"].permute(0, 2, 3, 1).reshape(5, -1, 3)

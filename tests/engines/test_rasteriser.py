@@ -1,6 +1,7 @@
 """The rasteriser, with the ray tracer as its oracle."""
 
 from collections import Counter
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -12,7 +13,7 @@ from needlehoop.engines.rasteriser.renderer import CpuRasteriser, ParallelRaster
 from needlehoop.engines.rasteriser.solids import surface_of
 from needlehoop.engines.tracer import Tracer
 from needlehoop.envs.build import build
-from needlehoop.envs.controllers import random_controller
+from needlehoop.envs.controllers import controller
 from needlehoop.envs.settings import compose_settings
 from needlehoop.tasks.needle_hoop.expert import Expert
 
@@ -43,7 +44,7 @@ def scene():
     while not bool(moment.signals.threaded.all()):
         moment = simulation.step(act(moment.signals))
     keep("goal")
-    act, moment = random_controller(settings.episode.action_size, seed=5), simulation.reset()
+    act, moment = controller("random", replace(settings, seed=5)), simulation.reset()
     for _ in range(25):
         moment = simulation.step(act(moment.signals))
     keep("random")

@@ -14,11 +14,11 @@ import pytest
 import torch
 
 from needlehoop.cli.main import main
+from needlehoop.cli.scenes import _arm
 from needlehoop.envs.build import scene_spec
 from needlehoop.envs.settings import compose_settings
 from needlehoop.robot import psm
 from needlehoop.scene import export
-from needlehoop.tasks.psm import build_arm
 
 ROOT = Path(export.__file__).parents[2]
 FILES = {"arm": "psm.xml", "scene": "scene.xml"}
@@ -56,7 +56,7 @@ def compiled(what: str, variant: str) -> mujoco.MjModel:
     settings = compose_settings([f"psm={variant}"])
     if what == "scene":
         return scene_spec(settings).compile()
-    return build_arm(settings.task, variant).compile()
+    return _arm(settings).compile()
 
 
 @pytest.fixture(

@@ -12,7 +12,7 @@ from needlehoop.engines.contract import Frame
 from needlehoop.envs.settings import compose_settings
 from needlehoop.pictures.film import _frame
 from needlehoop.pictures.stills import scaled
-from needlehoop.scene.image_size import ImageSize, scaled_to, sides, typed
+from needlehoop.scene.image_size import ImageSize, extent, scaled_to, sides
 
 CAMS = ("dep_front", "segdep_side")
 WIDE = ["image_size=[48,32]", "engine.threads=1"]
@@ -22,15 +22,15 @@ WIDE = ["image_size=[48,32]", "engine.threads=1"]
     ("word", "size", "text"),
     [
         ("64", 64, "64"),
-        ("[80,64]", (80, 64), "[80,64]"),
+        ("[80,64]", (80, 64), "80 by 64"),
         ("[64,64]", 64, "64"),
-        ("[1,3]", (1, 3), "[1,3]"),
+        ("[1,3]", (1, 3), "1 by 3"),
     ],
 )
 def test_a_size_is_a_side_or_width_and_height(word, size, text):
     parsed = compose_settings([f"image_size={word}"]).image_size
     assert parsed == size
-    assert typed(parsed) == text
+    assert extent(parsed) == text
     assert strict.structure(parsed, ImageSize) == size
 
 

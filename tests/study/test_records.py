@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 from study_files import BUFFER, UPDATES, change, write_answers, write_run
+from tensordict import TensorDict
 
 import needlehoop
 from needlehoop.envs.controllers import Outcome
@@ -54,7 +55,8 @@ def test_what_a_real_run_writes_is_read(tmp_path):
     task = find("needle_hoop")
     run.note(task=task_note(task))
     facts = dict.fromkeys(reversed(task.columns), true) | {"cheat": ~true}
-    outcome = Outcome(facts, points, points, torch.full((4,), 50))
+    steps = torch.full((4,), 50)
+    outcome = Outcome(TensorDict(facts, [4]), points, points, steps, batch_size=[4])
     at = {"update": 1, "step": 10_240, "wall_time": 12.5}
     run.append(METRICS, {**at, "return": 1.25, "success": float("nan")})
     run.append(EVALUATIONS, {**at, **outcome.summary()})

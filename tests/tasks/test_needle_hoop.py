@@ -20,7 +20,6 @@ from needlehoop.tasks.layout import GRASPS
 from needlehoop.tasks.needle_hoop import TASK, facts
 from needlehoop.tasks.needle_hoop.scene import NeedleLayout, NeedleRules
 from needlehoop.tasks.start import NUMBERS, Start, draws
-from needlehoop.tasks.stepping import is_terminated, is_truncated
 
 CONTROLS = NeedleRules.CONTROLS
 
@@ -356,10 +355,11 @@ def test_success_terminates_and_only_time_truncates(layout, episode, late, succe
     episode = replace(episode, end_on_success=ends)
     state = state_of(layout, episode, grasped=True, steps=episode.max_steps - (not late))
     needle = through(layout) if success else needle_at(layout, (0, -0.05, 0), 0.0)
-    result = stepping.observe(TASK, layout, episode, state, seen(layout, needle))
-    terminated = success and ends
-    assert bool(is_terminated(episode, result.facts)) == terminated
-    assert bool(is_truncated(episode, result.memory, result.facts)) == (late and not terminated)
+    memory, _, facts, _ = stepping.observe(TASK, layout, episode, state, seen(layout, needle))
+    facts["diverged"] = torch.tensor([False])
+    terminated, truncated = stepping.ends(episode, memory, facts)
+    assert bool(terminated) == (success and ends)
+    assert bool(truncated) == (late and not terminated)
 
 
 @pytest.mark.parametrize(("success", "at_goal"), [("thread", False), ("touch", True)])
@@ -370,9 +370,10 @@ def test_what_success_is_can_be_chosen(layout, episode, success, at_goal):
     _, tip = layout.needle_angles
     through_, before = through(layout), needle_at(layout, (0.0, -0.0005, 0.0), tip)
     for needle, expected in ((before, at_goal), (through_, not at_goal)):
-        result = stepping.observe(TASK, layout, episode, state, seen(layout, needle))
-        assert bool(result.facts["success"]) == expected
-        assert bool(is_terminated(episode, result.facts)) == expected
+        memory, _, facts, _ = stepping.observe(TASK, layout, episode, state, seen(layout, needle))
+        assert bool(facts["success"]) == expected
+        terminated, _ = stepping.ends(episode, memory, {**facts, "diverged": torch.tensor([False])})
+        assert bool(terminated) == expected
 
 
 # Actions.

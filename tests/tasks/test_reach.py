@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
 from needlehoop.envs.build import build
-from needlehoop.envs.controllers import random_controller
+from needlehoop.envs.controllers import controller
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.rewards import potential
@@ -122,7 +124,10 @@ def test_bumps_and_target_stand_where_the_tool_can_be_and_cameras_look(variant):
 def test_success_ends_with_the_highest_potential(kind):
     simulation = simulation_of("num_envs=40", "seed=11")
     setup = (simulation.layout, simulation.episode)
-    act = random_controller(5, 0) if kind == "random" else kind(*setup)
+    if kind == "random":
+        act = controller("random", replace(simulation.settings, seed=0))
+    else:
+        act = kind(*setup)
     moment, done = simulation.reset(), torch.zeros(40, dtype=torch.bool)
     paid = torch.zeros(40, dtype=torch.float64)
     for _ in range(simulation.episode.max_steps):

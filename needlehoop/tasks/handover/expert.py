@@ -93,7 +93,7 @@ class Smooth(Expert):
         free = torch.lerp(_FUNNEL.approach(self.script_1, hand), leave, high.unsqueeze(-1))
         carry = s.meeting - s.needle_middle
         # Straight up and slowly until the needle is off the table.
-        off, most = self.script_1.slowly(height - self.layout.needle_thickness / 2)
+        off, most = self.script_1.rising(height - self.layout.needle_thickness / 2)
         carry[:, :2] *= off.unsqueeze(-1)
         carry[:, 2] = torch.minimum(carry[:, 2], most)
         carry = choose(s.grasped_2, torch.zeros_like(carry), carry)

@@ -84,7 +84,7 @@ class Smooth(Expert):
         insert = (target_depth - depth) * s.hoop_axis - radial
         # Straight up and slowly until the needle is off the table.
         lift = s.lift_position - s.pickup_point
-        off, most = self.slowly(s.pickup_point[:, 2] - self.layout.needle_thickness / 2)
+        off, most = self.rising(s.pickup_point[:, 2] - self.layout.needle_thickness / 2)
         lift[:, :2] *= off.unsqueeze(-1)
         lift[:, 2] = torch.minimum(lift[:, 2], most)
         return choose(s.lifted, insert, lift)

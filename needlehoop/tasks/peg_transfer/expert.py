@@ -110,7 +110,7 @@ class Smooth(Expert):
         about = ramp(aside, _BESIDE, _ABOUT)
         away[:, :2] *= torch.maximum(clear, about).unsqueeze(-1)
         height = torch.lerp(top + self.layout.carry_height - low, -_BELOW - low, centred)
-        _, most = self.slowly(s.block_position[:, 2] - self.layout.block_height / 2)
+        _, most = self.rising(s.block_position[:, 2] - self.layout.block_height / 2)
         away[:, 2] = torch.minimum(height, most)
         return away
 
