@@ -9,6 +9,7 @@ from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller, outcome_of, run_trials
 from needlehoop.envs.settings import compose_settings
 from needlehoop.scene.signals import Signals
+from needlehoop.tasks.layout import GRASPS
 
 EPISODES = 200 if ALL else 24
 
@@ -82,8 +83,10 @@ def test_chance_does_not_do_it(words, most):
     assert outcome.potential.max() < most
 
 
-def test_trials_do_not_depend_on_how_many_there_are():
-    few, many = (run_trials(compose_settings(), "expert", n) for n in (2, 5))
+@pytest.mark.parametrize("grasp", GRASPS)
+def test_trials_do_not_depend_on_how_many_there_are(grasp):
+    settings = compose_settings([f"episode.grasp={grasp}"])
+    few, many = (run_trials(settings, "expert", n) for n in (2, 5))
     assert torch.equal(few.potential, many.potential[:2])
 
 
