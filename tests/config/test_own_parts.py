@@ -43,7 +43,8 @@ def test_a_folder_s_files_are_options_beside_ours(folder):
     assert settings.task.hoop_opening == 0.0085
     assert settings.task.hoop_tube == compose_settings().task.hoop_tube
     assert settings.reward["lift"] == 5.0
-    env = needlehoop.make_env(["hoop_left"], num_envs=1, conf_dir=folder)
+    env = needlehoop.make_env("hoop_left,seg_side", num_envs=1, conf_dir=folder)
+    assert env.settings.cams == ("hoop_left", "seg_side")
     assert set(env.reset()["pixels", "hoop_left"].unique().tolist()) == {0, 9}
     # What one call was told, the next does not know.
     with pytest.raises(ValueError, match="rgb_left"):
