@@ -34,7 +34,7 @@ CAMERAS = " ".join([*(f"{r}_{v}" for r in options("rendering") for v in VIEWS), 
 UNKNOWN = ("rgb_top", "[rgb_front,rgb_top]")
 
 BAD = [
-    # override, then what the message has to say: the key, and what would be valid.
+    # Words, then what the message has to say: the key, and what would be valid.
     *((f"cams={wrong}", ["cams/", wrong.strip("[]").split(",")[-1], CAMERAS]) for wrong in UNKNOWN),
     ("cams=[rgb_front,seg_side,rgb_front]", ["cams", "rgb_front", "twice"]),
     ("reward=nope", ["reward", "nope", "human", "sparse"]),
@@ -46,6 +46,29 @@ BAD = [
     ("task.hoop_position=[0,0,high]", ["task.hoop_position.2", "high"]),
     ("disturb.camera.shfit=0.1", ["shfit", "shift, turn"]),
     ("image_size=64.5", ["image_size", "64.5", "whole number"]),
+    ("image_size=[80]", ["image_size: ", "neither the side of a square nor"]),
+    ("image_size=[80,0]", ["image_size: ", "0 must be at least 1"]),
+    ("image_size=[80,63]", ["image_size: ", "width and height must differ by an even number"]),
+    (
+        "cams=dep_wrist +views.wrist.azimuth=0",
+        ["views", "azimuth, position, forward, up given; give either target, ", " or position, "],
+    ),
+    (
+        "cams=dep_wrist views.wrist.up=[0,0.4158,1.9562]",
+        ["views.wrist: view.up: ", " along forward"],
+    ),
+    (
+        "disturb.scene.colours=0.1 engine.renderer=tracer",
+        ["disturb.scene.colours: only engine.renderer=rasteriser"],
+    ),
+    *(
+        (f"reward=python reward.function={name}", ["reward.function: ", message])
+        for name, message in (
+            ("half", "is not module:name"),
+            ("nowhere.py:half", "nowhere.py"),
+            ("needlehoop.rewards:no_such", "has no function 'no_such'"),
+        )
+    ),
     (
         "obs.privileged_facts=[threaded]",
         ["obs.privileged_facts", "threaded", "choose from grasped, lifted"],
@@ -56,12 +79,12 @@ BAD = [
 
 
 def test_a_bad_setting_is_refused_with_its_key_and_what_is_valid():
-    for override, parts in BAD:
+    for words, parts in BAD:
         with pytest.raises(ValueError) as caught:  # noqa: PT011
-            compose_settings([override])
+            compose_settings(words.split())
         message = str(caught.value)
-        assert [part for part in parts if part not in message] == [], override
-        assert "\n" not in message, override
+        assert [part for part in parts if part not in message] == [], words
+        assert "\n" not in message, words
 
 
 def test_every_option_of_every_group_composes(tmp_path):

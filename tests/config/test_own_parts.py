@@ -144,16 +144,3 @@ def test_a_function_is_an_option_in_a_config_folder_of_one_s_own(tmp_path):
     assert reward_name(settings.reward) == "mine"
     with pytest.raises(ValueError, match=r"choose from .*file.*python"):
         compose_settings(["reward.kind=yours"])
-
-
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("half", "is not module:name"),
-        ("nowhere.py:half", "nowhere.py"),
-        ("needlehoop.rewards:no_such", "has no function 'no_such'"),
-    ],
-)
-def test_a_function_that_is_not_there_is_told_by_its_key(name, message):
-    with pytest.raises(ValueError, match=rf"reward.function: .*{message}"):
-        compose_settings(["reward=python", f"reward.function={name}"])

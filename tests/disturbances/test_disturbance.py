@@ -139,8 +139,3 @@ def test_commands_come_late_and_the_ramp_grows():
     moved = torch.stack([(one != sent[0]).any(1) for one in sent])
     first = torch.where(moved.any(0), moved.int().argmax(0), 4)
     assert torch.equal(first, late.long().clamp(min=1))
-
-
-def test_what_the_tracer_cannot_show_is_refused():
-    with pytest.raises(ValueError, match=r"disturb.scene.colours: only engine.renderer=rasteriser"):
-        compose_settings(["disturb.scene.colours=0.1", "engine.renderer=tracer"])

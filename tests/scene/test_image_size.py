@@ -34,19 +34,6 @@ def test_a_size_is_a_side_or_width_and_height(word, size, text):
     assert strict.structure(parsed, ImageSize) == size
 
 
-@pytest.mark.parametrize(
-    ("word", "message"),
-    [
-        ("[80]", "neither the side of a square nor"),
-        ("[80,0]", "0 must be at least 1"),
-        ("[80,63]", "width and height must differ by an even number"),
-    ],
-)
-def test_a_wrong_size_is_refused_with_its_key(word, message):
-    with pytest.raises(ValueError, match=f"^image_size: .*{message}"):
-        compose_settings([f"image_size={word}"])
-
-
 @pytest.mark.parametrize("size", [64, (80, 64), (64, 80), (160, 90), (2048, 2), (2, 2048)])
 @pytest.mark.parametrize("longer", [16, 33, 256])
 def test_a_scaled_size_has_the_same_shape_and_is_one_that_may_be_typed(size, longer):

@@ -72,14 +72,6 @@ def test_a_body_that_there_is_not_is_refused_by_its_key():
         build(compose_settings([*WRIST, "views.wrist.body=elbow"]))
 
 
-def test_a_view_is_placed_in_exactly_one_way():
-    message = r"views.*azimuth, position, forward, up given; give either target, .* or position, "
-    with pytest.raises(ValueError, match=message):
-        compose_settings([*WRIST, "+views.wrist.azimuth=0"])
-    with pytest.raises(ValueError, match=r"views.wrist: view.up: .* along forward"):
-        compose_settings([*WRIST, "views.wrist.up=[0,0.4158,1.9562]"])
-
-
 def test_both_ways_of_placing_and_the_roll_are_one_geometry(settings):
     for name in settings.views:
         view = settings.views[name]
