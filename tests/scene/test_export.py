@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import subprocess
 import sys
 from pathlib import Path
@@ -179,8 +180,7 @@ def test_the_readmes_tables_are_the_models():
     readme = (ROOT / "needlehoop/robot/README.md").read_text()
     table = {cells[0]: cells[1:] for cells in rows(readme, "joint")}
     assert tuple(table) == (*psm.JOINT_NAMES, "jaw")
-    model = compiled("arm", "serial")
-    servos = {name: model.actuator(name) for name in table}
+    models = [compiled("arm", variant) for variant in psm.VARIANTS]
     angles = {np.pi / 2: "π/2", -np.pi / 2: "-π/2", 0.0: "0"}
     turns = {np.pi / 2: "q + π/2", -np.pi / 2: "q - π/2", 0.0: "q"}
     for joint in psm.JOINTS:
@@ -190,10 +190,13 @@ def test_the_readmes_tables_are_the_models():
             assert (d, theta) == (f"q - {-joint.d}", "0")
         else:
             assert (float(d), theta) == (joint.d, turns[joint.theta])
-    for name, servo in servos.items():
+    for name, model in itertools.product(table, models):
+        servo, joint = model.actuator(name), model.joint("jaw_1" if name == "jaw" else name)
         *limits, effort = (float(cell) for cell in table[name][-3:])
         assert limits == servo.ctrlrange.tolist()
         assert servo.forcerange.tolist() == [-effort, effort]
+        assert model.jnt_limited[joint.id]
+        assert name == "jaw" or limits == joint.range.tolist()
     golden = np.array([[float(cell) for cell in cells] for cells in rows(readme, "yaw | pitch")])
     assert golden.shape == (2, 9)
     positions = psm.forward_kinematics(torch.from_numpy(golden[:, :6]))[:, :3, 3]
