@@ -171,16 +171,6 @@ def test_the_sparse_reward_pays_success_alone(values):
     assert terms_of(sparse, **PERFECT) == {"success": 5.0}
 
 
-def test_terms_are_a_number_per_environment(human):
-    signals = torch.cat([signals_of(), signals_of(**PERFECT), signals_of(grasped=True)])
-    before = signals.clone()
-    terms = human(signals)
-    assert bool((signals == before).all())
-    assert all(term.shape == (3,) and term.dtype == torch.float64 for term in terms.values())
-    for index, values in enumerate([{}, PERFECT, {"grasped": True}]):
-        assert float(rewards.potential(terms)[index]) == total(human, **values)
-
-
 def test_a_value_that_is_no_good_is_refused_by_name(values):
     human = values["human"]
     for config, message in (
