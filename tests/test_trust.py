@@ -153,19 +153,22 @@ def test_trust_needs_the_source_and_compares_it(stranger, capsys):
     assert not marker.exists()
 
 
-def test_a_run_of_one_s_own_function_goes_on_with_trust(tmp_path, capsys):
-    file = tmp_path / "mine.py"
-    file.write_text("def pay(signals):\n    return {'jaw': signals.jaw}\n")
+def test_a_run_of_one_s_own_function_goes_on_with_trust(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text("def pay(signals):\n    return {'jaw': signals.jaw}\n")
     words = [word for word in TINY if not word.startswith("reward=")]
-    overrides = ["cams=[]", "reward=python", f"reward.function={file}:pay", f"results={tmp_path}"]
+    overrides = ["cams=[]", "reward=python", "reward.function=mine.py:pay", f"results={tmp_path}"]
     values = composed(*words, *overrides)
     run_composed({**values, "until": 8})
     folder = tmp_path / "main/signals/python/seed0"
+    # It is found from wherever one goes on.
+    monkeypatch.chdir("/")
     capsys.readouterr()
     assert "trust=true" in refusal(f"resume={folder}")
+    run_composed({**values, "resume": str(folder), "trust": True, "until": 16})
     # The same command line is trust enough: it names the function itself.
-    run_composed({**values, "until": 16, "existing": "resume"})
-    run_composed({**values, "resume": str(folder), "trust": True})
+    monkeypatch.chdir(tmp_path)
+    run_composed({**values, "existing": "resume"})
     assert json.loads((folder / "manifest.json").read_text())["finished"]
     assert main(["evaluate", str(folder), "episodes=1", "trust=true"]) == 0
 

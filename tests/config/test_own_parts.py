@@ -119,20 +119,6 @@ def test_a_function_is_named_in_a_file_or_a_module(tmp_path):
     assert load_reward(compose_settings(words[:2]).reward).function is rewards.potential
 
 
-def test_a_run_keeps_the_function_s_text_and_goes_on_with_no_other(tmp_path, monkeypatch):
-    file = tmp_path / "mine.py"
-    file.write_text("def pay(signals):\n    return signals.jaw\n")
-    monkeypatch.chdir(tmp_path)
-    values = composing.compose(["reward=python", "reward.function=mine.py:pay"])
-    kept = rewards.with_source(values["reward"])
-    assert kept["source"] == "def pay(signals):\n    return signals.jaw\n"
-    monkeypatch.chdir("/")
-    load_reward(rewards.with_trusted_function(yaml.safe_load(yaml.safe_dump(kept)), trust=True))
-    file.write_text("def pay(signals):\n    return -signals.jaw\n")
-    with pytest.raises(ValueError, match="no longer what the run began with"):
-        rewards.with_trusted_function(kept, trust=True)
-
-
 def test_a_function_is_an_option_in_a_config_folder_of_one_s_own(tmp_path):
     values = {"defaults": ["python", "_self_"], "function": "test_own_parts:half", "name": "mine"}
     (tmp_path / "reward").mkdir()
