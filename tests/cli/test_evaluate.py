@@ -74,8 +74,14 @@ def test_the_runs_own_evaluation_stays_as_it_is(run, capsys):
     assert main(["evaluate", str(run)]) == 0
     assert f"the same as  {run / 'evaluation.json'}" in capsys.readouterr().out
     assert files(run) == before
+    # Another reward pays for the same episodes.
+    own = json.loads(before["evaluation.json"])
+    rescored = evaluated(run, "reward=human", capsys=capsys)
+    assert own["return"] == own["success"]
+    assert rescored["return_human"] == pytest.approx(own["return_human"])
+    assert rescored["return"] == pytest.approx(own["return_human"])
     # Of the same agent and the same episodes: a simulator has changed since, say.
-    other = {**json.loads(before["evaluation.json"]), "return": 7.0}
+    other = {**own, "return": 7.0}
     (run / "evaluation.json").write_text(json.dumps(other))
     evaluation = evaluated(run, capsys=capsys)
     assert json.loads((run / "evaluation.json").read_text()) == other

@@ -16,7 +16,6 @@ import torch
 from tiny_runs import TINY as SIGNALS
 from tiny_runs import composed, outcome, run_composed, run_train, table
 
-from needlehoop.cli import main as cli
 from needlehoop.config import composing
 from needlehoop.learning.job import typed_job
 from needlehoop.pictures import film
@@ -184,20 +183,6 @@ def test_the_shell_completes_cameras(monkeypatch, capsys):
     monkeypatch.setenv("COMP_LINE", "python train.py seed=1 cams=segdep_f")
     run_train("-sc", "query=bash")
     assert capsys.readouterr().out.split() == ["cams=segdep_front"]
-
-
-def test_evaluate_scores_by_another_reward_and_keeps_the_runs_own_word(finished, capsys):
-    words = ["episodes=3", "--json"]
-    kept = (finished / "evaluation.json").read_text()
-    assert cli.main(["evaluate", str(finished), *words]) == 0
-    evaluation = json.loads(capsys.readouterr().out)
-    assert evaluation == json.loads(kept)
-    assert cli.main(["evaluate", str(finished), *words, "reward=sparse"]) == 0
-    rescored = json.loads(capsys.readouterr().out)
-    assert rescored["return"] == rescored["success"]
-    assert rescored["return_human"] == pytest.approx(evaluation["return_human"])
-    assert evaluation["return_human"] == pytest.approx(evaluation["return"])
-    assert (finished / "evaluation.json").read_text() == kept
 
 
 def test_the_papers_setting():
