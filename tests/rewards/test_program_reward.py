@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 import torch
 from needle_task import load_reward, random_signals
@@ -12,10 +10,7 @@ import needlehoop
 from needlehoop import rewards
 from needlehoop.config import composing
 from needlehoop.envs.settings import compose_settings
-from needlehoop.learning.job import typed_job
 from needlehoop.rewards import program_reward
-from needlehoop.training import loop as page
-from needlehoop.training import session
 
 
 @pytest.fixture
@@ -146,21 +141,3 @@ def test_a_program_in_scene_units_takes_another_size_of_them(tmp_path):
     assert rewards.text(load_reward(pinned)) == f"# From {file}.\nunit = 0.1\nreward = 9 / unit"
     assert rewards.with_source(pinned) == pinned
     assert config["program"] is None
-
-
-def test_a_run_keeps_its_program(place, tmp_path, monkeypatch):
-    """As far as the run's folder: what is trained is stubbed out."""
-    place("rewards/dep_front/image.txt", 3)
-    made = []
-    monkeypatch.setattr(page, "train", lambda job, run, *_: made.append((job, run)))
-    monkeypatch.setattr(session, "objections", lambda *_: [])
-    values = composing.compose(["reward=vlm_img", "cams=[dep_front]", "study=s"], "config")
-    values.pop("hydra", None)
-    page.start(values, [], "python train.py")
-    (job, run), *_ = made
-    assert run.folder == Path("results/s/dep_front/vlm_img/seed0")
-    record = (run.folder / "reward.txt").read_text()
-    assert record.endswith("a = 3\nb = 2\nreward = a + b\n")
-    (tmp_path / "recordings/paper/rewards/dep_front/image.txt").write_text("reward = 0")
-    assert worth(load_reward(job.env.reward)) == 5
-    assert worth(load_reward(typed_job(run.config()).env.reward)) == 5

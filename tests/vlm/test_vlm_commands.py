@@ -328,6 +328,7 @@ def test_training_asks_for_a_reward_that_is_not_recorded(words, server, monkeypa
     (_, run), *_ = trained(monkeypatch, *words)
     assert Path("results/main/vlm/rewards/dep_front+seg_side/image.txt").read_text() == GOOD
     assert (run.folder / "reward.txt").read_text().endswith(GOOD)
+    assert run.config()["reward"]["program"]["text"] == GOOD
     # The second training finds it.
     trained(monkeypatch, *words, "seed=1")
     assert len(server.requests) == 1
