@@ -83,6 +83,9 @@ def test_tasks_lists_all_and_tells_a_named_ones_signals(capsys):
         (["expert", "controller=expart"], "controller: 'expart'"),
         (["expert", "episodes=1", "--video", "out.gif"], "--video: 'out.gif' must end in .mp4"),
         (["plot", "results/a", "cams=[]"], "'cams=[]' is not understood"),
+        (["stress", "nobody", "out=a.csv"], "expert, smooth"),
+        (["stress", "smooth", "out=a.csv", "severities=9"], "1 to 5"),
+        (["stress", "smooth", "out=a.csv", "axes=[camera]"], "robot"),
     ],
 )
 def test_a_mistake_is_one_line_that_names_the_key(arguments, text, capsys, tmp_path, monkeypatch):

@@ -60,16 +60,3 @@ def test_a_task_has_a_shipped_agent_of_its_own(word, cameras, capsys):
     assert evaluation["run"].endswith(f"results/{task}/{cameras}/expert/seed0")
     assert ("changed" in evaluation) == ("/" in word)
     assert evaluation["success"] == 1.0
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["out=watch.gif"], ".mp4"),
-        (["seed=0"], "trained on"),
-    ],
-)
-def test_what_cannot_be_watched_is_refused(run, capsys, words, message):
-    assert main(["watch", str(run), *words]) == 2
-    assert message in capsys.readouterr().err
-    assert list(Path().iterdir()) == []
