@@ -43,6 +43,13 @@ def tiny_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return results / PLACE
 
 
+@pytest.fixture
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder to work in."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
 @pytest.fixture(scope="session")
 def settings() -> Settings:
     return compose_settings()

@@ -88,13 +88,12 @@ def test_tasks_lists_all_and_tells_a_named_ones_signals(capsys):
         (["stress", "smooth", "out=a.csv", "axes=[camera]"], "robot"),
     ],
 )
-def test_a_mistake_is_one_line_that_names_the_key(arguments, text, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_mistake_is_one_line_that_names_the_key(arguments, text, capsys, elsewhere):
     assert main(arguments) == 2
     error = capsys.readouterr().err.strip().splitlines()[-1]
     assert error.startswith(f"needlehoop {arguments[0]}: ")
     assert text in error
-    assert list(tmp_path.iterdir()) == []
+    assert list(elsewhere.iterdir()) == []
 
 
 def test_help_says_what_a_command_does_and_shows_its_keys(capsys):

@@ -143,8 +143,7 @@ def test_text_of_a_run_is_no_reference(tiny_run, monkeypatch):
     assert values["study"] == "${oc.env:SECRET}"
 
 
-def test_watch_flies_under_other_conditions_and_says_so(run, capsys, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
+def test_watch_flies_under_other_conditions_and_says_so(run, capsys, elsewhere):
     before = files(run)
     words = ["episode.max_steps=2", "episodes=1", "video_episodes=1"]
     assert main(["watch", str(run), *words, "policy=best"]) == 0
@@ -176,7 +175,7 @@ def test_environments_and_policies_of_a_run(run):
         needlehoop.load_policy(run / "best.safetensors", policy="best")
 
 
-def test_the_best_policy_is_that_of_the_best_evaluation(tmp_path, monkeypatch):
+def test_the_best_policy_is_that_of_the_best_evaluation(elsewhere, monkeypatch):
     """Success first, then the return, then the later."""
     marks = iter([(0.5, 1.0), (0.5, 2.0), (0.4, 9.0), (0.5, 2.0), (0.5, 1.9)])
     real = evaluating.on_the_way
@@ -186,15 +185,13 @@ def test_the_best_policy_is_that_of_the_best_evaluation(tmp_path, monkeypatch):
         return {**real(job, agent), "success": success, "return": value}
 
     monkeypatch.setattr("needlehoop.training.loop.on_the_way", note)
-    monkeypatch.chdir(tmp_path)
     run_composed(composed(*TINY, "steps=40", "evaluation.every=1"))
     run = Path("results") / PLACE
     assert [row["success"] for row in table(run / "evaluations.csv")][3] == "0.5"
     assert evaluating.which_policy(evaluating.Run(run), "best") == ("best", 32)
 
 
-def test_the_policy_is_the_last_or_else_the_best(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_the_policy_is_the_last_or_else_the_best(elsewhere, capsys):
     run = Path("results") / PLACE
     run_composed(composed(*TINY))
     assert {path.stem for path in run.glob("*.safetensors")} == {"policy", "best"}

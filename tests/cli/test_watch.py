@@ -12,18 +12,14 @@ import pytest
 from needlehoop.cli.main import main
 from needlehoop.runs import shipped
 
+pytestmark = pytest.mark.usefixtures("elsewhere")
+
 
 @pytest.fixture(scope="module")
 def run(tiny_run, tmp_path_factory) -> Path:
     """A run's folder as it is shipped: with its weights and without its checkpoint."""
     leave = shutil.ignore_patterns("checkpoint.pt")
     return shutil.copytree(tiny_run, tmp_path_factory.mktemp("watched") / "seed0", ignore=leave)
-
-
-@pytest.fixture(autouse=True)
-def elsewhere(tmp_path, monkeypatch):
-    """An empty folder."""
-    monkeypatch.chdir(tmp_path)
 
 
 def frames(path: Path) -> int:

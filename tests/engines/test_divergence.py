@@ -25,11 +25,10 @@ def break_down(simulation: Simulation, env: int, value: float = float("nan")) ->
 
 
 @pytest.fixture(params=["cpu", "dm_control"])
-def kind(request, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def kind(request, elsewhere):
     yield request.param
     # MuJoCo writes its warnings to a file in the working directory, unless it is told not to.
-    assert not [*tmp_path.iterdir()]
+    assert not [*elsewhere.iterdir()]
 
 
 @pytest.mark.parametrize("value", [float("nan"), 1e12])
@@ -72,8 +71,7 @@ def test_an_evaluation_counts_it(kind):
     assert outcome.summary()["diverged"] == pytest.approx(1 / 3)
 
 
-def test_a_training_ends_where_the_physics_diverges_too_often(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_training_ends_where_the_physics_diverges_too_often(elsewhere):
     words = [
         *("cams=[]", "obs=signals", "num_envs=4", "episode.max_steps=4", "engine.threads=1"),
         *("algo.horizon=8", "algo.minibatch=16", "algo.epochs=1", "steps=320"),

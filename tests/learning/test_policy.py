@@ -156,10 +156,9 @@ def test_an_observation_that_does_not_fit_is_told_by_its_key(run):
         policy(fit)
 
 
-def test_a_policy_in_onnx_acts_as_in_torch(tmp_path, monkeypatch, capsys):
+def test_a_policy_in_onnx_acts_as_in_torch(elsewhere, capsys):
     onnxruntime = pytest.importorskip("onnxruntime")
     pytest.importorskip("onnxscript")
-    monkeypatch.chdir(tmp_path)
     words = [*TINY, "cams=[dep_front,seg_side]", "obs.proprio=true", "obs.frame_stack=2"]
     words += ["obs.privileged_facts=[grasped,lifted]", "image_size=16", "precision=fp32"]
     run_composed(composed(*words, "results=results"))

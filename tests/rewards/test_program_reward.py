@@ -14,15 +14,14 @@ from needlehoop.rewards import program_reward
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def place(elsewhere, monkeypatch):
     """An empty folder to work in, with recordings of its own; writes programs."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(program_reward, "RECORDINGS", tmp_path / "recordings")
-    (tmp_path / "recordings" / "paper").mkdir(parents=True)
+    monkeypatch.setattr(program_reward, "RECORDINGS", elsewhere / "recordings")
+    (elsewhere / "recordings" / "paper").mkdir(parents=True)
 
     def write(where: str, value: float = 1) -> None:
         folder = "recordings/paper" if where.startswith("rewards/") else "results"
-        file = tmp_path / folder / where
+        file = elsewhere / folder / where
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(f"a = {value}\nb = 2\nreward = a + b\n")
 

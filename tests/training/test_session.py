@@ -51,12 +51,11 @@ def killed(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def folder(killed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def folder(killed: Path, elsewhere: Path) -> Iterator[Path]:
     """A copy of it; whatever is done there, nothing half-made is left."""
-    shutil.copytree(killed, tmp_path / "results")
-    monkeypatch.chdir(tmp_path)
+    shutil.copytree(killed, elsewhere / "results")
     yield Path("results") / PLACE
-    left = [str(path) for path in tmp_path.rglob("*")]
+    left = [str(path) for path in elsewhere.rglob("*")]
     assert not [path for path in left if path.endswith((".partial", ".new", ".lock"))]
 
 
@@ -66,8 +65,7 @@ def kept(folder: Path) -> dict[str, bytes]:
 
 # The first checkpoint, the third, the last note.
 @pytest.mark.parametrize("write", [5, 13, 17])
-def test_a_run_killed_while_it_writes_goes_on_to_the_same_bits(write, whole, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_run_killed_while_it_writes_goes_on_to_the_same_bits(write, whole, elsewhere):
     values, folder = composed(*TINY, "existing=resume"), Path("results") / PLACE
     train_until(write, values)
     run_composed(values if write == 5 else composed(f"resume={folder}"))
@@ -100,8 +98,7 @@ def test_a_run_with_other_settings_is_not_taken_for_the_same(folder):
             run_composed(composed(*TINY, *words))
 
 
-def test_views_that_no_camera_of_the_run_uses_do_not_count(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_views_that_no_camera_of_the_run_uses_do_not_count(elsewhere):
     words = [*TINY, "cams=[seg_front]", "image_size=8", "existing=resume"]
     run_composed(composed(*words))
     with pytest.raises(ValueError, match="exists with another views;"):

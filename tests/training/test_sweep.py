@@ -32,9 +32,8 @@ def finished(seed: int) -> dict:
 
 
 @pytest.fixture
-def started(monkeypatch, tmp_path) -> list[str]:
+def started(monkeypatch, elsewhere) -> list[str]:
     """The runs that were started, which do nothing, in a folder of their own."""
-    monkeypatch.chdir(tmp_path)
     runs: list[str] = []
     monkeypatch.setattr(sweep, "attempt", lambda run, folder, note: runs.append(note["run"]))
     return runs
@@ -78,10 +77,7 @@ def test_every_run_of_an_experiment_is_another_and_composes():
         assert {"+".join(job.env.cams) for job in jobs} == {*sweep.camera_sets(name)}
 
 
-def test_a_failed_run_stops_no_other_and_the_same_command_does_the_rest(
-    tmp_path, monkeypatch, capfd
-):
-    monkeypatch.chdir(tmp_path)
+def test_a_failed_run_stops_no_other_and_the_same_command_does_the_rest(elsewhere, capfd):
     # The file is in the way of the second run's folder.
     Path("results/main/signals/sparse").mkdir(parents=True)
     blocked = Path("results/main/signals/sparse/seed1")
@@ -104,8 +100,7 @@ def test_a_failed_run_stops_no_other_and_the_same_command_does_the_rest(
     assert {seed: finished(seed)["started"] for seed in (0, 2)} == began
 
 
-def test_runs_of_a_sweep_that_differ_have_folders_of_their_own(tmp_path, monkeypatch, capfd):
-    monkeypatch.chdir(tmp_path)
+def test_runs_of_a_sweep_that_differ_have_folders_of_their_own(elsewhere, capfd):
     words = ["-m", *TINY, "algo.learning_rate=1e-4", "task=near,wide"]
     run_train(*words)
     assert "2 runs, 0 failed" in capfd.readouterr().out
