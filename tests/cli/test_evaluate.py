@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 import yaml
-from tiny_runs import PLACE, TINY, composed, run_composed, table
+from tiny_runs import PLACE, TINY, composed, contents, run_composed, table
 
 import needlehoop
 from needlehoop.cli.main import main
@@ -21,10 +21,6 @@ from needlehoop.runs.shipped import CONF
 @pytest.fixture
 def run(tiny_run, tmp_path) -> Path:
     return shutil.copytree(tiny_run, tmp_path / "seed0")
-
-
-def files(run: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(run)): p.read_bytes() for p in run.rglob("*") if p.is_file()}
 
 
 def evaluated(run: Path, *words: str, capsys) -> dict:
@@ -41,10 +37,10 @@ def evaluated(run: Path, *words: str, capsys) -> dict:
     ],
 )
 def test_another_evaluation_has_a_folder_of_its_own(run, capsys, words, name, changed):
-    before = files(run)
+    before = contents(run)
     assert main(["evaluate", str(run), *words]) == 0
     output = capsys.readouterr().out
-    after = files(run)
+    after = contents(run)
     place = f"evaluations/{name}/evaluation.json"
     evaluation = json.loads(after.pop(place))
     assert evaluation.get("changed") == changed
@@ -70,10 +66,10 @@ def test_a_variant_of_the_task_is_what_it_is_in_training(run, capsys):
 
 
 def test_the_runs_own_evaluation_stays_as_it_is(run, capsys):
-    before = files(run)
+    before = contents(run)
     assert main(["evaluate", str(run)]) == 0
     assert f"the same as  {run / 'evaluation.json'}" in capsys.readouterr().out
-    assert files(run) == before
+    assert contents(run) == before
     # Another reward pays for the same episodes.
     own = json.loads(before["evaluation.json"])
     rescored = evaluated(run, "reward=human", capsys=capsys)
@@ -104,12 +100,12 @@ def test_the_runs_own_evaluation_stays_as_it_is(run, capsys):
     ],
 )
 def test_what_may_not_be_changed_is_refused_in_a_line(run, capsys, word, message):
-    before = files(run)
+    before = contents(run)
     assert main(["evaluate", str(run), word]) == 2
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
-    assert files(run) == before
+    assert contents(run) == before
 
 
 def test_an_option_takes_the_values_that_are_typed_for_it(tiny_run):
@@ -144,13 +140,13 @@ def test_text_of_a_run_is_no_reference(tiny_run, monkeypatch):
 
 
 def test_watch_flies_under_other_conditions_and_says_so(run, capsys, elsewhere):
-    before = files(run)
+    before = contents(run)
     words = ["episode.max_steps=2", "episodes=1", "video_episodes=1"]
     assert main(["watch", str(run), *words, "policy=best"]) == 0
     output = capsys.readouterr().out
     assert "policy       best, after 16 steps\nchanged      episode.max_steps=2\n" in output
     assert "length       2 steps" in output
-    assert files(run) == before
+    assert contents(run) == before
 
 
 def test_environments_and_policies_of_a_run(run):

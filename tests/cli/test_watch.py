@@ -8,6 +8,7 @@ from pathlib import Path
 
 import imageio.v2 as imageio
 import pytest
+from tiny_runs import contents
 
 from needlehoop.cli.main import main
 from needlehoop.runs import shipped
@@ -28,7 +29,7 @@ def frames(path: Path) -> int:
 
 
 def test_the_shipped_agent_is_watched_if_none_is_named(run, monkeypatch, capsys):
-    before = {path.name: path.read_bytes() for path in run.iterdir()}
+    before = contents(run)
     monkeypatch.setattr(shipped, "AGENT", run)
     for shown in (1, 2):
         assert main(["watch", "episodes=4", f"video_episodes={shown}"]) == 0
@@ -38,7 +39,7 @@ def test_the_shipped_agent_is_watched_if_none_is_named(run, monkeypatch, capsys)
         assert "episodes     4 (seed 1000002)" in output
     # The first film is kept.
     assert frames(Path("watch.mp4")) == 2 * frames(Path("watch.1.mp4"))
-    assert {path.name: path.read_bytes() for path in run.iterdir()} == before
+    assert contents(run) == before
 
 
 @pytest.mark.parametrize(

@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from tiny_runs import learner
 
-from needlehoop.config import composing
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import outcome_of
 from needlehoop.envs.settings import compose_settings
 from needlehoop.envs.simulation import Simulation
-from needlehoop.learning.job import typed_job
-from needlehoop.learning.learner import Learner
 
 
 def built(kind: str) -> Simulation:
@@ -76,11 +74,11 @@ def test_a_training_ends_where_the_physics_diverges_too_often(elsewhere):
         *("cams=[]", "obs=signals", "num_envs=4", "episode.max_steps=4", "engine.threads=1"),
         *("algo.horizon=8", "algo.minibatch=16", "algo.epochs=1", "steps=320"),
     ]
-    learner = Learner(typed_job(composing.compose(words, "job")))
+    training = learner(*words)
 
     def go_on():
-        for _ in learner:
-            break_down(learner._collector.env.base_env.simulation, 0)
+        for _ in training:
+            break_down(training._collector.env.base_env.simulation, 0)
 
     with pytest.raises(FloatingPointError, match=r"the physics diverged in 2 of \d+ episodes"):
         go_on()

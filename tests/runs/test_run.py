@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from tiny_runs import contents
 
 from needlehoop.runs.files import CHECKPOINT, CONFIG, MANIFEST, METRICS, REWARD, new_folder
 from needlehoop.runs.run import Run
@@ -61,13 +62,13 @@ def test_overwrite_begins_anew_and_keeps_what_was_there_under_a_number(run, fold
     fill(run, 1)
     run.save({"update": 1})
     (folder / "thesis.tex").write_text("years of work")
-    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    before = contents(folder)
     for number in (1, 2):
         replaced = Run.create(folder, {"study": number}, "other", overwrite=True)
         assert replaced.config() == {"study": number}
         assert {path.name for path in folder.iterdir()} == {CONFIG, MANIFEST, REWARD}
     kept = folder.parent / "seed0.1"
-    assert {path.name: path.read_bytes() for path in kept.iterdir()} == before
+    assert contents(kept) == before
     # A run that has written nothing goes, and the one that it replaced comes back.
     replaced.unmake()
     assert Run.open(folder).config() == {"study": 1}

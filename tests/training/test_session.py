@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import torch
 import yaml
-from tiny_runs import PLACE, TINY, composed, outcome, run_composed
+from tiny_runs import PLACE, TINY, composed, contents, outcome, run_composed
 
 from needlehoop.runs.machine import HeldError, held
 
@@ -59,10 +59,6 @@ def folder(killed: Path, elsewhere: Path) -> Iterator[Path]:
     assert not [path for path in left if path.endswith((".partial", ".new", ".lock"))]
 
 
-def kept(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
-
-
 # The first checkpoint, the third, the last note.
 @pytest.mark.parametrize("write", [5, 13, 17])
 def test_a_run_killed_while_it_writes_goes_on_to_the_same_bits(write, whole, elsewhere):
@@ -74,7 +70,7 @@ def test_a_run_killed_while_it_writes_goes_on_to_the_same_bits(write, whole, els
 
 
 def test_a_run_under_way_is_left_alone(folder):
-    before = kept(folder)
+    before = contents(folder)
     with held(folder):
         for words in (
             [f"resume={folder}"],
@@ -83,7 +79,7 @@ def test_a_run_under_way_is_left_alone(folder):
         ):
             with pytest.raises(HeldError, match="a run is training there"):
                 run_composed(composed(*words))
-    assert kept(folder) == before
+    assert contents(folder) == before
 
 
 def test_a_run_with_other_settings_is_not_taken_for_the_same(folder):
@@ -122,8 +118,8 @@ def test_a_checkpoint_that_does_not_fit_is_refused_in_a_line(folder):
     state = torch.load(folder / "checkpoint.pt")
     del state["learner"]["ppo"]["agent"]
     torch.save(state, folder / "checkpoint.pt")
-    before = kept(folder)
+    before = contents(folder)
     with pytest.raises(ValueError, match=r"^checkpoint .*'agent'$"):
         run_composed(composed(f"resume={folder}"))
     # A run that is refused keeps what it has.
-    assert {**kept(folder), "manifest.json": before["manifest.json"]} == before
+    assert {**contents(folder), "manifest.json": before["manifest.json"]} == before

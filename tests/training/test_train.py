@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import torch
 from tiny_runs import TINY as SIGNALS
-from tiny_runs import composed, outcome, run_composed, run_train, table
+from tiny_runs import composed, contents, outcome, run_composed, run_train, table
 
 from needlehoop.config import composing
 from needlehoop.learning.job import typed_job
@@ -143,7 +143,7 @@ def test_a_stopped_run_goes_on_to_the_same_bits(finished, tmp_path, sent, comman
 
 
 def test_two_runs_are_never_mixed(finished, monkeypatch, capsys):
-    before = {path.name: path.read_bytes() for path in finished.iterdir()}
+    before = contents(finished)
     monkeypatch.chdir(finished.parents[3])
     words = ["cams=dep_front,seg_side", *TINY, "results=."]
     for wrong, message in (
@@ -155,7 +155,7 @@ def test_two_runs_are_never_mixed(finished, monkeypatch, capsys):
         with pytest.raises(SystemExit) as caught:
             run_train(*wrong)
         assert message in str(caught.value.code)
-    assert {path.name: path.read_bytes() for path in finished.iterdir()} == before
+    assert contents(finished) == before
 
 
 @pytest.mark.parametrize(

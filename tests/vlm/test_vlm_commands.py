@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from PIL import Image
+from tiny_runs import contents
 from vlm_server import KEY, Server, by_schema
 
 from needlehoop.cli.main import main
@@ -70,11 +71,6 @@ def conversations(study: Path) -> list[str]:
 def rows_of(path: Path) -> list[dict[str, str]]:
     with path.open(newline="") as file:
         return list(csv.DictReader(file))
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
 def programs(*worths: int | str) -> list[str]:
