@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from hypothesis import given
-from needle_task import act, begin, observe, start
+from needle_task import act, begin, observe, row, start
 from torch import Tensor
 
 from needlehoop.envs.settings import compose_settings
@@ -31,10 +31,6 @@ AXIS = torch.tensor([[0.0, 1.0, 0.0]], dtype=torch.float64)
 
 # The tool frame in the needle's: z along -z, x along the needle, so y across it.
 ACROSS_THE_NEEDLE = torch.tensor([[0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0]], dtype=torch.float64)
-
-
-def row(*numbers: float) -> Tensor:
-    return torch.tensor([numbers], dtype=torch.float64)
 
 
 def needle_at(
