@@ -118,7 +118,7 @@ def test_an_option_takes_the_values_that_are_typed_for_it(tiny_run):
     assert values["task"]["needle_radius"] == recorded["task"]["needle_radius"]
 
 
-def test_any_option_of_a_group_that_a_run_knows_nothing_of_is_a_condition(tiny_run, monkeypatch):
+def test_any_option_of_a_group_that_a_run_knows_nothing_of_is_a_condition(tiny_run):
     """A run from before there was such a group is as it is by default."""
     recorded = yaml.safe_load((tiny_run / "config.yaml").read_text())
     without = {key: value for key, value in recorded.items() if key != "picture"}

@@ -38,7 +38,7 @@ def refused(source: str) -> ProgramError:
     return caught.value
 
 
-def test_the_papers_reward_can_be_said(signals):
+def test_the_papers_reward_can_be_said():
     human = load_reward(composing.compose([])["reward"])
     many = random_signals(500, seed=1)
     # Nearer than random, so that no term is all zeros.

@@ -88,7 +88,7 @@ def test_shutting_the_jaws_is_paid_where_something_is_between_them(human):
     assert (held["surround"], held["pinch"]) == (human.surround, human.pinch)
 
 
-def test_the_start_is_worth_little_more_than_the_time_that_waiting_costs(human, layout, episode):
+def test_the_start_is_worth_little_more_than_the_time_that_waiting_costs(human, layout):
     drawn = np.stack([draws(0, env, 0) for env in range(500)])
     begun = start(layout, torch.from_numpy(drawn))
     worth = [
@@ -164,7 +164,7 @@ def test_the_human_reward_does_not_see_the_verdict(human):
     assert terms_of(human, **PERFECT) == terms_of(human, **failed)
 
 
-def test_the_sparse_reward_pays_success_alone(values):
+def test_the_sparse_reward_pays_success_alone():
     sparse = load_reward({"kind": "sparse", "success": 5.0})
     almost = {**PERFECT, "threaded": False}
     assert terms_of(sparse, **almost) == {"success": 0.0}

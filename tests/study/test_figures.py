@@ -80,7 +80,7 @@ def test_a_curve_ends_at_the_mean_of_its_last_buffers_with_students_interval(stu
     assert np.isclose(high, y[-1] + 4.303 * np.std(ends, ddof=1) / np.sqrt(3), atol=1e-3).any()
 
 
-def test_rewards_are_compared_in_training_and_in_evaluations(study, tmp_path):
+def test_rewards_are_compared_in_training_and_in_evaluations(study):
     for run in (study / "dep_front+seg_side" / "vlm_img").iterdir():
         change(run / "evaluation.json", success=0.1)
     with styled():

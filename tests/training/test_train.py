@@ -142,7 +142,7 @@ def test_a_stopped_run_goes_on_to_the_same_bits(finished, tmp_path, sent, comman
     assert all(torch.equal(whole[name], resumed[name]) for name in whole)
 
 
-def test_two_runs_are_never_mixed(finished, monkeypatch, capsys):
+def test_two_runs_are_never_mixed(finished, monkeypatch):
     before = contents(finished)
     monkeypatch.chdir(finished.parents[3])
     words = ["cams=dep_front,seg_side", *TINY, "results=."]

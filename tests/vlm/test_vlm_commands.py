@@ -257,7 +257,7 @@ def trained_run(folder: Path, origin: Path) -> Path:
 
 # imageio-ffmpeg leaves its pipes for the garbage collector to close.
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_a_program_is_revised_after_a_training(study, words, server, tmp_path, capsys):
+def test_a_program_is_revised_after_a_training(study, words, server, tmp_path):
     place = study / "rewards/dep_front+seg_side"
     run = trained_run(tmp_path / "run", place / "text.txt")
     text = ["vlm", "reward", CAMS, "flavour=text", *words]
