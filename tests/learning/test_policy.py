@@ -172,11 +172,8 @@ def test_a_policy_in_onnx_acts_as_in_torch(elsewhere, capsys):
     policy = needlehoop.load_policy(run, device="cpu")
     for n in (1, 5):
         seen = needlehoop.make_env_of(run, num_envs=n).reset()
-        flat = {**seen["pixels"].to_dict(), **seen.exclude("pixels").to_dict()}
-        names = [node.name for node in session.get_inputs()]
-        floats = {
-            name: flat[name] if name in seen["pixels"] else flat[name].float() for name in names
-        }
-        (action,) = session.run(None, {name: one.numpy() for name, one in floats.items()})
+        flat = {**seen.to_dict(), **seen["pixels"].to_dict()}
+        inputs = {node.name: flat[node.name].numpy() for node in session.get_inputs()}
+        (action,) = session.run(None, inputs)
         assert action.shape == (n, 5)
         np.testing.assert_allclose(action, policy(seen).numpy(), atol=1e-5)
