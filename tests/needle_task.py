@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import partial
 
 import mujoco
+import torch
 from torch import Tensor
 
 from needlehoop import rewards
@@ -22,6 +23,11 @@ from needlehoop.vlm import moments
 
 begin = partial(stepping.begin, TASK)
 act = partial(stepping.act, TASK)
+
+
+def row(*numbers: float) -> Tensor:
+    """Numbers of one environment, ``(1, n)``."""
+    return torch.tensor([numbers], dtype=torch.float64)
 
 
 def start(layout: NeedleLayout, uniform: Tensor) -> Start:

@@ -35,18 +35,11 @@ FLOORS = (
 """Packages, from the ground up; each may import those before it."""
 
 FILES_ONLY = {"study": {"runs"}, "runs": set()}
-"""They read files: no simulator, no torch, nothing that needs them."""
-
-TASK_WORDS = re.compile(
-    # Not the package's own name, nor the name of a real instrument.
-    r"(?<!large_)needle(?!hoop)|(?<!needle)hoop"
-    # Not Python's threads and its module of that name.
-    r"|threaded|(?<!import )\bthreading\b(?!\.\w)|\bthread_depth|[\"'`]thread[\"'`]"
-    r"|\b(?:to|must|can|still|expert|agent|episodes?) threads?\b"
-    r"|(?<![a-z])lift(?:s|ed|ing)?(?![a-z])",
-    re.IGNORECASE,
+"""They read files: no simulator, and nothing that needs one."""
+HEAVY = re.compile(
+    r"(?m)^ *(import|from) (torch|mujoco|dm_control|hydra)\b|runs(\.| import )(run|machine)\b"
 )
-"""Words of the first task, in which everything else was written once."""
+"""What a study is read without; the two modules of ``runs`` need torch."""
 
 MODULES = sorted(path for path in HOME.rglob("*.py") if path != HOME / "__init__.py")
 
@@ -86,22 +79,9 @@ def test_those_that_read_files_import_nothing_else():
     for name, known in FILES_ONLY.items():
         for path in (HOME / name).rglob("*.py"):
             assert imported(path.read_text()) <= {name, *known}, path
+            assert name != "study" or not HEAVY.search(path.read_text()), path
 
 
 def test_every_package_says_what_lives_there():
     for init in HOME.rglob("*/__init__.py"):
         assert ast.get_docstring(ast.parse(init.read_text())), init
-
-
-def words_of_the_first_task(path: Path) -> set[str]:
-    """Those that a file has. A task of its own may lift something."""
-    words = {word.lower() for word in TASK_WORDS.findall(path.read_text())}
-    is_task = room(path) == "tasks" and path.parent != HOME / "tasks"
-    return {word for word in words if not (is_task and word.startswith("lift"))}
-
-
-def test_only_the_first_task_and_the_one_with_its_needle_speak_of_it():
-    folders = {HOME / "tasks/needle_hoop", HOME / "tasks/handover"}
-    elsewhere = [path for path in HOME.rglob("*.py") if not folders & {*path.parents}]
-    by_file = {str(path.relative_to(HOME)): words_of_the_first_task(path) for path in elsewhere}
-    assert {path: words for path, words in by_file.items() if words} == {}

@@ -178,14 +178,6 @@ def test_a_folder_that_is_none_is_named(copied, tmp_path):
         compose_settings([f"task_dir={copied}"])
 
 
-def test_a_file_cannot_name_a_task_s_folder(tmp_path):
-    (tmp_path / "experiment").mkdir()
-    text = f"# @package _global_\ntask_dir: {FOLDER}\n"
-    (tmp_path / "experiment/odd.yaml").write_text(text)
-    with pytest.raises(ValueError, match="task_dir counts only where you type it"):
-        compose_settings([f"conf_dir={tmp_path}", "+experiment=odd"])
-
-
 def test_an_installed_package_has_a_task(tmp_path, monkeypatch):
     shutil.copytree(FOLDER, tmp_path / "my_package")
     info = tmp_path / "my_package-1.dist-info"

@@ -17,6 +17,8 @@ from safetensors.torch import load_file
 
 from needlehoop.cli.train import run
 from needlehoop.config import composing
+from needlehoop.learning.job import typed_job
+from needlehoop.learning.learner import Learner
 from needlehoop.training.loop import start
 
 TINY = [
@@ -75,6 +77,17 @@ def refusal(*words: str) -> str:
     message = str(caught.value.code)
     assert "\n" not in message
     return message
+
+
+def learner(*words: str, state: Any = None) -> Learner:
+    """What trains, of such words."""
+    return Learner(typed_job(composing.compose(words, "job")), state)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """All files in a folder, by their paths in it."""
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
 def outcome(folder: Path) -> dict[str, Any]:

@@ -1,13 +1,9 @@
 """What the pages' tables say is what the runs in results/ gave; the report holds the findings."""
 
-from pathlib import Path
-
 import pytest
 
 from analysis import findings as analysis
 from analysis.report import as_html
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.parametrize("name", analysis.TABLES)

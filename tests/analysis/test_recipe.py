@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 import pytest
-from study_files import write_run
+from study_files import change, write_run
 
 from analysis import recipe
 
@@ -35,8 +35,7 @@ def test_near_ties_are_broken_by_the_human_reward():
 
 def test_an_agent_that_went_on_is_refused(tmp_path):
     run = write_run(tmp_path / "study", "dep_front+seg_side", "vlm_img", seed=10)
-    config = (run / "config.yaml").read_text()
-    (run / "config.yaml").write_text(config + "reward: {sample: 1}\n")
+    change(run / "config.yaml", reward={"sample": 1})
     with pytest.raises(ValueError, match="stands at 993280 steps, not 150000"):
         recipe.add(tmp_path, tmp_path / "study")
     assert not (tmp_path / recipe.TABLE).exists()

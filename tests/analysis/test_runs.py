@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
-
 import pandas as pd
 import pytest
 import yaml
-from study_files import write_run
+from study_files import change, write_run
 
 from analysis.runs import DISTURB, add, runs_of, stress_of
 
@@ -20,19 +18,10 @@ def written(folder, cameras, seed, disturb="none", success=0.5, reward="human"):
     """A finished run as the protocol's are."""
     run = write_run(folder, cameras, reward, seed)
     evaluation = {"success_sampled": 0.5, "touched": 0.5, "success": success, "steps_trained": 100}
-    more = {
-        "evaluation.json": evaluation | {"grasped": 0.5, "lifted": 0.5, "return": 5.0},
-        "manifest.json": {
-            "commit": "abc",
-            "wall_time": 90.0,
-        },
-    }
-    for name, values in more.items():
-        path = run / name
-        path.write_text(json.dumps(json.loads(path.read_text()) | values))
-    config = yaml.safe_load((run / "config.yaml").read_text())
-    config["disturb"] = yaml.safe_load((DISTURB / f"{disturb}.yaml").read_text())
-    (run / "config.yaml").write_text(yaml.safe_dump(config))
+    change(run / "evaluation.json", **evaluation, grasped=0.5, lifted=0.5, **{"return": 5.0})
+    change(run / "manifest.json", commit="abc", wall_time=90.0)
+    amounts = yaml.safe_load((DISTURB / f"{disturb}.yaml").read_text())
+    change(run / "config.yaml", disturb=amounts)
     return run
 
 

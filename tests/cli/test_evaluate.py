@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 import yaml
-from tiny_runs import PLACE, TINY, composed, run_composed, table
+from tiny_runs import PLACE, TINY, composed, contents, run_composed, table
 
 import needlehoop
 from needlehoop.cli.main import main
@@ -21,10 +21,6 @@ from needlehoop.runs.shipped import CONF
 @pytest.fixture
 def run(tiny_run, tmp_path) -> Path:
     return shutil.copytree(tiny_run, tmp_path / "seed0")
-
-
-def files(run: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(run)): p.read_bytes() for p in run.rglob("*") if p.is_file()}
 
 
 def evaluated(run: Path, *words: str, capsys) -> dict:
@@ -41,10 +37,10 @@ def evaluated(run: Path, *words: str, capsys) -> dict:
     ],
 )
 def test_another_evaluation_has_a_folder_of_its_own(run, capsys, words, name, changed):
-    before = files(run)
+    before = contents(run)
     assert main(["evaluate", str(run), *words]) == 0
     output = capsys.readouterr().out
-    after = files(run)
+    after = contents(run)
     place = f"evaluations/{name}/evaluation.json"
     evaluation = json.loads(after.pop(place))
     assert evaluation.get("changed") == changed
@@ -70,12 +66,18 @@ def test_a_variant_of_the_task_is_what_it_is_in_training(run, capsys):
 
 
 def test_the_runs_own_evaluation_stays_as_it_is(run, capsys):
-    before = files(run)
+    before = contents(run)
     assert main(["evaluate", str(run)]) == 0
     assert f"the same as  {run / 'evaluation.json'}" in capsys.readouterr().out
-    assert files(run) == before
+    assert contents(run) == before
+    # Another reward pays for the same episodes.
+    own = json.loads(before["evaluation.json"])
+    rescored = evaluated(run, "reward=human", capsys=capsys)
+    assert own["return"] == own["success"]
+    assert rescored["return_human"] == pytest.approx(own["return_human"])
+    assert rescored["return"] == pytest.approx(own["return_human"])
     # Of the same agent and the same episodes: a simulator has changed since, say.
-    other = {**json.loads(before["evaluation.json"]), "return": 7.0}
+    other = {**own, "return": 7.0}
     (run / "evaluation.json").write_text(json.dumps(other))
     evaluation = evaluated(run, capsys=capsys)
     assert json.loads((run / "evaluation.json").read_text()) == other
@@ -98,12 +100,12 @@ def test_the_runs_own_evaluation_stays_as_it_is(run, capsys):
     ],
 )
 def test_what_may_not_be_changed_is_refused_in_a_line(run, capsys, word, message):
-    before = files(run)
+    before = contents(run)
     assert main(["evaluate", str(run), word]) == 2
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
-    assert files(run) == before
+    assert contents(run) == before
 
 
 def test_an_option_takes_the_values_that_are_typed_for_it(tiny_run):
@@ -116,7 +118,7 @@ def test_an_option_takes_the_values_that_are_typed_for_it(tiny_run):
     assert values["task"]["needle_radius"] == recorded["task"]["needle_radius"]
 
 
-def test_any_option_of_a_group_that_a_run_knows_nothing_of_is_a_condition(tiny_run, monkeypatch):
+def test_any_option_of_a_group_that_a_run_knows_nothing_of_is_a_condition(tiny_run):
     """A run from before there was such a group is as it is by default."""
     recorded = yaml.safe_load((tiny_run / "config.yaml").read_text())
     without = {key: value for key, value in recorded.items() if key != "picture"}
@@ -137,15 +139,14 @@ def test_text_of_a_run_is_no_reference(tiny_run, monkeypatch):
     assert values["study"] == "${oc.env:SECRET}"
 
 
-def test_watch_flies_under_other_conditions_and_says_so(run, capsys, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    before = files(run)
+def test_watch_flies_under_other_conditions_and_says_so(run, capsys, elsewhere):
+    before = contents(run)
     words = ["episode.max_steps=2", "episodes=1", "video_episodes=1"]
     assert main(["watch", str(run), *words, "policy=best"]) == 0
     output = capsys.readouterr().out
     assert "policy       best, after 16 steps\nchanged      episode.max_steps=2\n" in output
     assert "length       2 steps" in output
-    assert files(run) == before
+    assert contents(run) == before
 
 
 def test_environments_and_policies_of_a_run(run):
@@ -170,7 +171,7 @@ def test_environments_and_policies_of_a_run(run):
         needlehoop.load_policy(run / "best.safetensors", policy="best")
 
 
-def test_the_best_policy_is_that_of_the_best_evaluation(tmp_path, monkeypatch):
+def test_the_best_policy_is_that_of_the_best_evaluation(elsewhere, monkeypatch):
     """Success first, then the return, then the later."""
     marks = iter([(0.5, 1.0), (0.5, 2.0), (0.4, 9.0), (0.5, 2.0), (0.5, 1.9)])
     real = evaluating.on_the_way
@@ -180,15 +181,13 @@ def test_the_best_policy_is_that_of_the_best_evaluation(tmp_path, monkeypatch):
         return {**real(job, agent), "success": success, "return": value}
 
     monkeypatch.setattr("needlehoop.training.loop.on_the_way", note)
-    monkeypatch.chdir(tmp_path)
     run_composed(composed(*TINY, "steps=40", "evaluation.every=1"))
     run = Path("results") / PLACE
     assert [row["success"] for row in table(run / "evaluations.csv")][3] == "0.5"
     assert evaluating.which_policy(evaluating.Run(run), "best") == ("best", 32)
 
 
-def test_the_policy_is_the_last_or_else_the_best(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_the_policy_is_the_last_or_else_the_best(elsewhere, capsys):
     run = Path("results") / PLACE
     run_composed(composed(*TINY))
     assert {path.stem for path in run.glob("*.safetensors")} == {"policy", "best"}

@@ -43,7 +43,8 @@ def test_a_folder_s_files_are_options_beside_ours(folder):
     assert settings.task.hoop_opening == 0.0085
     assert settings.task.hoop_tube == compose_settings().task.hoop_tube
     assert settings.reward["lift"] == 5.0
-    env = needlehoop.make_env(["hoop_left"], num_envs=1, conf_dir=folder)
+    env = needlehoop.make_env("hoop_left,seg_side", num_envs=1, conf_dir=folder)
+    assert env.settings.cams == ("hoop_left", "seg_side")
     assert set(env.reset()["pixels", "hoop_left"].unique().tolist()) == {0, 9}
     # What one call was told, the next does not know.
     with pytest.raises(ValueError, match="rgb_left"):
@@ -118,20 +119,6 @@ def test_a_function_is_named_in_a_file_or_a_module(tmp_path):
     assert load_reward(compose_settings(words[:2]).reward).function is rewards.potential
 
 
-def test_a_run_keeps_the_function_s_text_and_goes_on_with_no_other(tmp_path, monkeypatch):
-    file = tmp_path / "mine.py"
-    file.write_text("def pay(signals):\n    return signals.jaw\n")
-    monkeypatch.chdir(tmp_path)
-    values = composing.compose(["reward=python", "reward.function=mine.py:pay"])
-    kept = rewards.with_source(values["reward"])
-    assert kept["source"] == "def pay(signals):\n    return signals.jaw\n"
-    monkeypatch.chdir("/")
-    load_reward(rewards.with_trusted_function(yaml.safe_load(yaml.safe_dump(kept)), trust=True))
-    file.write_text("def pay(signals):\n    return -signals.jaw\n")
-    with pytest.raises(ValueError, match="no longer what the run began with"):
-        rewards.with_trusted_function(kept, trust=True)
-
-
 def test_a_function_is_an_option_in_a_config_folder_of_one_s_own(tmp_path):
     values = {"defaults": ["python", "_self_"], "function": "test_own_parts:half", "name": "mine"}
     (tmp_path / "reward").mkdir()
@@ -143,16 +130,3 @@ def test_a_function_is_an_option_in_a_config_folder_of_one_s_own(tmp_path):
     assert reward_name(settings.reward) == "mine"
     with pytest.raises(ValueError, match=r"choose from .*file.*python"):
         compose_settings(["reward.kind=yours"])
-
-
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("half", "is not module:name"),
-        ("nowhere.py:half", "nowhere.py"),
-        ("needlehoop.rewards:no_such", "has no function 'no_such'"),
-    ],
-)
-def test_a_function_that_is_not_there_is_told_by_its_key(name, message):
-    with pytest.raises(ValueError, match=rf"reward.function: .*{message}"):
-        compose_settings(["reward=python", f"reward.function={name}"])

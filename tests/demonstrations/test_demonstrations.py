@@ -252,14 +252,19 @@ def _ends(span: str) -> tuple[int, int]:
     return int(first), int(last)
 
 
-def test_what_cannot_be_is_said_in_a_line_and_leaves_nothing(tmp_path, capsys):
+def test_what_cannot_be_is_said_in_a_line_and_leaves_nothing(tmp_path, tiny_run, capsys):
     for name, words, message in (
         ("smooth-v0", ["demonstrator=cheat"], "choose from smooth, expert, perturbed, or give a"),
         ("smooth-v0", ["cams=[]"], "cams: demonstrations need at least one camera"),
         ("smooth", ["format=lerobot", "image_size=8"], "image_size: 8; LeRobot's films of depth"),
         ("smooth", ["format=open_h"], "cams: dep_front; format=open_h has no depth"),
         ("smooth", ["format=minari"], "such as smooth-v0"),
+        ("smooth-v0", ["out=null"], "out: give a folder for the dataset, such as out=demos/"),
+        (
+            *("agent-v0", [f"demonstrator={tiny_run}"]),
+            "cams: the agent's networks take what the run sees",
+        ),
     ):
         assert export(tmp_path / name, *words) == 2
-        assert message in capsys.readouterr().err
+        assert message in capsys.readouterr().err.splitlines()[-1]
         assert not list(tmp_path.iterdir())

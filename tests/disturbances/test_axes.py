@@ -14,7 +14,7 @@ from needlehoop.disturbances.sensors import Sensors, flaws
 from needlehoop.engines.contract import Frame
 from needlehoop.envs.settings import compose_settings
 
-SIDE = 32
+SIDE, WIDTHS = 32, (32, 48)
 
 
 def drawn(lead: tuple[int, ...], free: float = 0.5, **amounts: object) -> dict[str, Drawn]:
@@ -27,21 +27,22 @@ def drawn(lead: tuple[int, ...], free: float = 0.5, **amounts: object) -> dict[s
     return draws
 
 
-def frame() -> Frame:
+def frame(width: int = SIDE) -> Frame:
     """A step of colours, depth and labels in the middle; no depth in the first row."""
-    bgra = torch.full((1, SIDE, SIDE, 4), 100, dtype=torch.uint8)
-    bgra[:, :, SIDE // 2 :] = 160
+    bgra = torch.full((1, SIDE, width, 4), 100, dtype=torch.uint8)
+    bgra[:, :, width // 2 :] = 160
     bgra[..., 3] = 255
-    depth = torch.full((1, SIDE, SIDE), 0.4)
+    depth = torch.full((1, SIDE, width), 0.4)
     depth[:, 0] = 0.0
-    geom = torch.zeros(1, SIDE, SIDE, dtype=torch.int32)
-    geom[..., SIDE // 2 :] = 5
+    geom = torch.zeros(1, SIDE, width, dtype=torch.int32)
+    geom[..., width // 2 :] = 5
     return Frame(bgra, depth, geom)
 
 
 def spoilt(seen: Frame, amounts: dict[str, float], place: float = 0.5) -> Frame:
     """What a view makes of a frame under such amounts of its axes."""
-    sensors = Sensors(1, ("front",), SIDE, torch.device("cpu"))
+    height, width = next(one for one in seen if one is not None).shape[1:3]
+    sensors = Sensors(1, ("front",), (width, height), torch.device("cpu"))
     draws = drawn((1, 1), place, **{f"picture_{name}": amount for name, amount in amounts.items()})
     sensors.set(torch.tensor([0]), **flaws(draws))
     result = Frame(*(one if one is None else one.clone() for one in seen))
@@ -86,8 +87,9 @@ def test_exposure_contrast_and_white_balance_act_one_after_the_other():
         assert image[0, 0, place].tolist() == [*[int(after + 0.5)] * 3, 255]
 
 
-def test_noise_has_its_deviation_and_differs_by_channel():
-    seen = frame()
+@pytest.mark.parametrize("width", WIDTHS)
+def test_noise_has_its_deviation_and_differs_by_channel(width):
+    seen = frame(width)
     change = (spoilt(seen, {"noise": 10.0}).bgra.float() - seen.bgra.float())[..., :3]
     assert change.std((0, 1, 2)).tolist() == pytest.approx([10.0] * 3, rel=0.1)
     assert float(change.mean().abs()) < 0.6
@@ -110,10 +112,11 @@ def test_labels_flip_along_edges_alone():
     assert float(flipped[:, SIDE // 2].float().mean()) == pytest.approx(0.25, abs=0.15)
 
 
-def test_a_drop_covers_its_share():
-    flawed = spoilt(frame(), {"cover": 0.1})
+@pytest.mark.parametrize("width", WIDTHS)
+def test_a_drop_covers_its_share(width):
+    flawed = spoilt(frame(width), {"cover": 0.1})
     assert float((flawed.geom == -1).float().mean()) == pytest.approx(0.1, abs=0.01)
-    at_the_corner = spoilt(frame(), {"cover": 0.1}, place=0.0)
+    at_the_corner = spoilt(frame(width), {"cover": 0.1}, place=0.0)
     assert float((at_the_corner.geom == -1).float().mean()) == pytest.approx(0.025, abs=0.01)
 
 
@@ -131,20 +134,22 @@ def test_blur_keeps_the_mean_and_blends_the_edge():
 
 
 def test_a_camera_is_shifted_turned_zoomed_and_drifts():
-    eye = torch.eye(3, dtype=torch.float64)
-    start = torch.zeros(1, 2, 3, dtype=torch.float64), eye.expand(1, 2, 3, 3)
+    """Two cameras that look elsewhere; the second is on a body, and shifts along its own axes."""
+    begun = optics.rotation(torch.tensor([0.0, 0.0, np.pi / 2], dtype=torch.float64))
+    start = torch.zeros(1, 2, 3, dtype=torch.float64), begun.expand(1, 2, 3, 3)
 
     def placed(**amounts):
         moved = optics.moved(drawn((1, 2), **amounts))
-        half, no = torch.tensor([0.5]), torch.tensor([False, False])
-        return (*optics.cameras(*start, moved, half, no), moved.zoom)
+        half, on_a_body = torch.tensor([0.5]), torch.tensor([False, True])
+        return (*optics.cameras(*start, moved, half, on_a_body), moved.zoom)
 
     by = torch.tensor([[[0.01, 0.0, 0.0], [0.0, 0.02, 0.0]]]).double()
-    assert torch.equal(placed(camera_shift=by)[0], by)
-    assert torch.equal(placed(camera_drift=by)[0], by / 2)
+    place = torch.tensor([[[0.01, 0.0, 0.0], [-0.02, 0.0, 0.0]]])
+    assert np.allclose(placed(camera_shift=by)[0], place)
+    assert np.allclose(placed(camera_drift=by)[0], place / 2)
     turn = placed(camera_turn=[[[90.0, 0.0, 0.0], [0.0, 0.0, 0.0]]])[1]
     assert np.allclose(turn[0, 0] @ torch.tensor([0.0, 1.0, 0.0]).double(), [0.0, 0.0, 1.0])
-    assert torch.equal(turn[0, 1], eye)
+    assert torch.equal(turn[0, 1], begun)
     assert np.allclose(placed(camera_focal=[[[0.1], [-0.1]]])[2], [[1.1, 0.9]])
 
 

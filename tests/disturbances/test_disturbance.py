@@ -105,16 +105,20 @@ def test_each_view_is_as_many_steps_late_as_it_drew():
                 assert torch.equal(images[name][env], then[name][env]), (step, env, name)
 
 
-def test_the_tip_stands_beside_where_it_was_told_to():
-    settings = compose_settings(["num_envs=2", "disturb.robot.offset=0.005"])
+@pytest.mark.parametrize(("task", "arms"), [("standard", [""]), ("handover", ["psm1_", "psm2_"])])
+def test_the_tip_stands_beside_where_it_was_told_to(task, arms):
+    settings = compose_settings([f"task={task}", "num_envs=2", "disturb.robot.offset=0.005"])
     simulation = build(settings)
-    moment = simulation.reset()
+    simulation.reset()
+    still = torch.zeros(2, settings.episode.action_size, dtype=torch.float64)
     for _ in range(15):
-        moment = simulation.step(torch.zeros(2, 5, dtype=torch.float64))
-    beside = moment.signals.tool_midpoint - simulation.state["target"]
+        moment = simulation.step(still)
     offset = simulation.disturbance.offset
-    assert float((beside - offset).abs().max()) < 5e-4
     assert float(offset.abs().max()) > 1e-3
+    for arm in arms:
+        tool = getattr(moment.signals, f"{arm}tool_midpoint")
+        beside = tool - simulation.state[f"{arm}target"]
+        assert float((beside - offset).abs().max()) < 5e-4
 
 
 def test_commands_come_late_and_the_ramp_grows():
@@ -139,8 +143,3 @@ def test_commands_come_late_and_the_ramp_grows():
     moved = torch.stack([(one != sent[0]).any(1) for one in sent])
     first = torch.where(moved.any(0), moved.int().argmax(0), 4)
     assert torch.equal(first, late.long().clamp(min=1))
-
-
-def test_what_the_tracer_cannot_show_is_refused():
-    with pytest.raises(ValueError, match=r"disturb.scene.colours: only engine.renderer=rasteriser"):
-        compose_settings(["disturb.scene.colours=0.1", "engine.renderer=tracer"])

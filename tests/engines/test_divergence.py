@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import pytest
 import torch
+from tiny_runs import learner
 
-from needlehoop.config import composing
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import outcome_of
 from needlehoop.envs.settings import compose_settings
 from needlehoop.envs.simulation import Simulation
-from needlehoop.learning.job import typed_job
-from needlehoop.learning.learner import Learner
 
 
 def built(kind: str) -> Simulation:
@@ -25,11 +23,10 @@ def break_down(simulation: Simulation, env: int, value: float = float("nan")) ->
 
 
 @pytest.fixture(params=["cpu", "dm_control"])
-def kind(request, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def kind(request, elsewhere):
     yield request.param
     # MuJoCo writes its warnings to a file in the working directory, unless it is told not to.
-    assert not [*tmp_path.iterdir()]
+    assert not [*elsewhere.iterdir()]
 
 
 @pytest.mark.parametrize("value", [float("nan"), 1e12])
@@ -72,17 +69,16 @@ def test_an_evaluation_counts_it(kind):
     assert outcome.summary()["diverged"] == pytest.approx(1 / 3)
 
 
-def test_a_training_ends_where_the_physics_diverges_too_often(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_training_ends_where_the_physics_diverges_too_often(elsewhere):
     words = [
         *("cams=[]", "obs=signals", "num_envs=4", "episode.max_steps=4", "engine.threads=1"),
         *("algo.horizon=8", "algo.minibatch=16", "algo.epochs=1", "steps=320"),
     ]
-    learner = Learner(typed_job(composing.compose(words, "job")))
+    training = learner(*words)
 
     def go_on():
-        for _ in learner:
-            break_down(learner._collector.env.base_env.simulation, 0)
+        for _ in training:
+            break_down(training._collector.env.base_env.simulation, 0)
 
     with pytest.raises(FloatingPointError, match=r"the physics diverged in 2 of \d+ episodes"):
         go_on()

@@ -10,23 +10,9 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 import needlehoop
-from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller
-from needlehoop.envs.settings import compose_settings
 
 ID = "needlehoop:needlehoop/NeedleHoop-v0"
-
-
-def expert_actions(seed, steps):
-    """What the expert does in a seed's first episode, as Gymnasium's float32 ``(steps, 5)``."""
-    settings = compose_settings(["num_envs=1", f"seed={seed}"])
-    simulation = build(settings)
-    act = controller("expert", settings)
-    moment, actions = simulation.reset(), []
-    for _ in range(steps):
-        actions.append(act(moment.signals).float())
-        moment = simulation.step(actions[-1])
-    return torch.cat(actions).numpy()
 
 
 @pytest.mark.parametrize(
@@ -63,8 +49,9 @@ def test_it_gives_the_bits_of_dm_control_and_of_torchrl():
     dm = needlehoop.load(cams=cams, seed=seed, overrides=words)
     batch = needlehoop.make_env(cams=cams, seed=seed, num_envs=2, overrides=words)
     (seen, _), step, now = env.reset(seed=seed), dm.reset(), batch.reset()
-    ended = False
-    for action in expert_actions(seed, 60):
+    act, ended = controller("expert", batch.settings), False
+    for _ in range(60):
+        action = act(batch.simulation.look().signals)[0].float().numpy()
         for name, value in seen.items():
             assert np.array_equal(value, step.observation[name]), name
         for name in cams:

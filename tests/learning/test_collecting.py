@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 import torch
-from torchrl.envs import SerialEnv
 from torchrl.envs.utils import check_env_specs
 
 from needlehoop.config import composing
@@ -136,14 +135,6 @@ def test_buffers_are_replayed_from_their_actions(by_two):
 def test_the_environment_is_one_of_torchrls():
     job = job_of(*METHODS["dagger"])
     check_env_specs(MakeEnv(job, 0, 5, 1)())
-    two = SerialEnv(2, MakeEnv(job, 0, 5, 1))
-    rollout = two.rollout(3, break_when_any_done=False)
-    state = two.state_dict()
-    two.load_state_dict(state)
-    assert rollout.batch_size == (2, 5, 3)
-    assert torch.equal(
-        rollout[0, :, 0]["pixels", "seg_side"], rollout[1, :, 0]["pixels", "seg_side"]
-    )
 
 
 @pytest.mark.parametrize(

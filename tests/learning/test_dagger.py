@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import torch
+from tiny_runs import learner
 
-from needlehoop.config import composing
-from needlehoop.learning.job import typed_job
-from needlehoop.learning.learner import Learner
 from needlehoop.learning.transforms import LEARNER
 
 SMALL = [
@@ -25,12 +23,8 @@ SMALL = [
 """Four buffers of 32 steps."""
 
 
-def learner(*overrides: str, state=None) -> Learner:
-    return Learner(typed_job(composing.compose([*SMALL, *overrides], "job")), state)
-
-
 def test_the_expert_labels_what_it_flies_and_what_the_learner_flies():
-    taught = learner("algo.noise=0", "algo.handover=0.5")
+    taught = learner(*SMALL, "algo.noise=0", "algo.handover=0.5")
     turns = [(buffer.clone(), losses) for buffer, losses in taught]
     first, losses = turns[0]
     assert losses["share"] < 0.3
@@ -51,6 +45,7 @@ def test_the_expert_labels_what_it_flies_and_what_the_learner_flies():
 def test_the_policy_comes_to_do_what_the_expert_does():
     """By more than chance: without learning, the error of buffers differs by 0.02 at most."""
     taught = learner(
+        *SMALL,
         *("cams=[]", "obs=signals", "num_envs=16", "algo.horizon=20", "steps=2560"),
         *("algo.minibatches=40", "algo.minibatch=64", "algo.memory=2560", "episode.max_steps=40"),
     )
@@ -61,7 +56,7 @@ def test_the_policy_comes_to_do_what_the_expert_does():
 
 
 def test_noise_leads_the_expert_astray_and_the_value_function_is_left_as_it_is():
-    taught = learner("algo.noise=0.8")
+    taught = learner(*SMALL, "algo.noise=0.8")
     before = {name: one.clone() for name, one in taught.agent.state_dict().items()}
     buffer, _ = next(iter(taught))
     assert not torch.equal(buffer["action"], buffer["label"])
@@ -74,12 +69,10 @@ def test_noise_leads_the_expert_astray_and_the_value_function_is_left_as_it_is()
 
 
 def test_an_image_is_moved_whenever_it_is_learnt_from_and_only_then():
-    plain, shifted = (
-        [(buffer.clone(), losses) for buffer, losses in learner(f"algo.picture_shift={most}")]
-        for most in (0, 2)
-    )
     # The expert flies the first buffer; images are kept as they were seen.
-    (first, losses), (other, told_shifted) = plain[0], shifted[0]
+    (first, losses), (other, told_shifted) = (
+        next(iter(learner(*SMALL, f"algo.picture_shift={most}"))) for most in (0, 2)
+    )
     key = ("pixels", "seg_side")
     assert torch.equal(first[key], other[key])
     assert losses["loss_imitation"] != told_shifted["loss_imitation"]

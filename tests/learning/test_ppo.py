@@ -6,14 +6,12 @@ from dataclasses import replace
 import pytest
 import torch
 from tensordict import TensorDict, TensorDictBase
+from tiny_runs import learner
 from torchrl.data import Composite, Unbounded
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from needlehoop.config import composing
 from needlehoop.learning.algorithm_config import PpoConfig
 from needlehoop.learning.encoder import EncoderConfig
-from needlehoop.learning.job import typed_job
-from needlehoop.learning.learner import Learner
 from needlehoop.learning.networks import HeadConfig, Normalizer, PolicySpec, ValueAgent
 from needlehoop.learning.ppo import Ppo
 
@@ -194,7 +192,7 @@ REACH = [
 @pytest.mark.parametrize("seed", [0, 5])
 def test_the_return_rises(seed):
     """By more than chance: without learning, such means differ by 0.03 at most."""
-    learner = Learner(typed_job(composing.compose([*REACH, f"seed={seed}"], "job")))
-    returns = [float(buffer["next", "potential"][:, -1].mean()) for buffer, _ in learner]
+    turns = learner(*REACH, f"seed={seed}")
+    returns = [float(buffer["next", "potential"][:, -1].mean()) for buffer, _ in turns]
     first, second, *_, third_last, second_last, last = returns
     assert (third_last + second_last + last) / 3 > (first + second) / 2 + 0.08

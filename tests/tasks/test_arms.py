@@ -109,21 +109,3 @@ def test_signals_of_an_arm_are_the_single_arms_under_its_name():
             ]
     proprio = settings.definition.robot.proprio
     assert proprio == tuple(f"{name}_{key}" for name in ARMS for key in ROBOT.proprio)
-
-
-def test_a_disturbed_offset_puts_both_tips_aside():
-    words = ["task=handover", "num_envs=1", "disturb.robot.offset=0.003"]
-    simulation = build(compose_settings([*words, "seed=3"]))
-    plain = build(compose_settings(["task=handover", "num_envs=1", "seed=3"]))
-    still = torch.zeros(1, 10, dtype=torch.float64)
-    for one in (simulation, plain):
-        one.reset()
-        for _ in range(10):
-            one.step(still)
-    aside = [
-        getattr(simulation.look().signals, f"{name}_tool_midpoint")
-        - getattr(plain.look().signals, f"{name}_tool_midpoint")
-        for name in ARMS
-    ]
-    assert aside[0].norm() > 5e-4
-    torch.testing.assert_close(*aside, rtol=0, atol=2e-4)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from needle_task import row
 from strength import ALL
 from torch import Tensor
 
@@ -24,10 +25,6 @@ PLACE = (0.0, -0.02)
 """Where the pickup point is, x and y, m."""
 CLEAR = 0.02
 """How far above its place the tool begins, m: free of needle and block."""
-
-
-def row(*numbers: float) -> Tensor:
-    return torch.tensor([numbers], dtype=torch.float64)
 
 
 class Bench:

@@ -134,31 +134,6 @@ def test_a_needle_that_was_dropped_and_picked_up_by_the_other_arm_is_not_handed(
     assert scene.moment.potential.max() < 2.5
 
 
-@pytest.mark.parametrize("grasp", GRASPS)
-def test_a_needle_that_psm_1_does_not_let_go_of_is_not_handed(grasp):
-    def clings(action: Tensor) -> Tensor:
-        action[:, 4] = torch.where(scene.moment.facts["grasped_1"], -1.0, action[:, 4])
-        return action
-
-    scene = flight(grasp)
-    fly(scene, "both", clings)
-    seen = fly(scene, "handed", clings, most=40)
-    assert all(step["both"].all() for step in seen)
-    assert scene.moment.potential.max() < 7.5
-
-
-def test_psm_2_letting_go_early_is_not_handed():
-    def opens(action: Tensor) -> Tensor:
-        action[:, 9] = torch.where(scene.moment.facts["released"], 1.0, action[:, 9])
-        return action
-
-    scene = flight()
-    fly(scene, "has_released", opens)
-    seen = fly(scene, "handed", opens, most=9)
-    assert not any(step["success"].any() for step in seen)
-    assert not scene.moment.facts["lifted"].any()
-
-
 # What pays.
 
 
@@ -217,20 +192,6 @@ def test_arms_that_tear_at_the_needle_leave_the_physics_finite(grasp):
     if grasp == "weld":
         assert (scene.moment.facts["grasped_1"] & scene.moment.facts["grasped_2"])[:3].all()
     assert deepest < 0.004
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("grasp", GRASPS)
-def test_random_steps_do_not_diverge(grasp):
-    s = handover(f"episode.grasp={grasp}", "num_envs=50", layout="wide")
-    simulation, act = build(s), controller("random", s)
-    moment = simulation.reset()
-    for _ in range(2000):
-        moment = simulation.step(act(moment.signals))
-        assert not moment.facts["diverged"].any()
-        over = moment.terminated | moment.truncated
-        if bool(over.any()):
-            moment = simulation.reset(over)
 
 
 # Where episodes begin, and what is said of them.

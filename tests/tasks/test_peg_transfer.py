@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from needle_task import row
 from torch import Tensor
 
 from needlehoop.envs.build import build
@@ -23,10 +24,6 @@ from needlehoop.tasks.start import NUMBERS, Chance
 LAYOUTS = ("near", "standard", "wide")
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 MARKED = 4
-
-
-def row(*numbers: float) -> Tensor:
-    return torch.tensor([numbers], dtype=torch.float64)
 
 
 def peg_settings(*words: str, layout: str = "standard") -> Settings:

@@ -17,9 +17,8 @@ def running() -> Iterator[Server]:
 
 
 @pytest.fixture
-def server(running: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Server:
+def server(running: Server, elsewhere: Path, monkeypatch: pytest.MonkeyPatch) -> Server:
     """As it was at first, beside an empty folder to work in; nobody waits between two tries."""
-    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(time, "sleep", lambda _: None)
     for name in ("GEMINI_API_KEY", "OPENAI_API_KEY", "TEST_KEY"):
         monkeypatch.setenv(name, KEY)

@@ -208,13 +208,12 @@ def test_random_signals_are_wild_but_possible():
 
 
 @pytest.fixture
-def check(seen, monkeypatch, tmp_path):
+def check(seen, monkeypatch, elsewhere):
     """``needlehoop vlm check`` of a program, with the trajectories that are there."""
     monkeypatch.setattr("needlehoop.vlm.gate_report.collect", lambda *_: seen)
-    monkeypatch.chdir(tmp_path)
 
     def run(source: str, *words: str) -> int:
-        (tmp_path / "mine.txt").write_text(source)
+        (elsewhere / "mine.txt").write_text(source)
         return main(["vlm", "check", "mine.txt", "gates.random_signals=200", *words])
 
     return run

@@ -55,9 +55,8 @@ def is_of_the_former_grasp(exchange: Exchange) -> bool:
     "name",
     [pytest.param(name, marks=[pytest.mark.full] if name in PROGRAMS else []) for name in TASKS],
 )
-def test_every_conversation_is_replayed_with_the_prompts_of_today(name, tmp_path, monkeypatch):
+def test_every_conversation_is_replayed_with_the_prompts_of_today(name, elsewhere, monkeypatch):
     """A changed prompt, picture or judge of programs fails here until it is asked anew."""
-    monkeypatch.chdir(tmp_path)
     recorded = Record(RECORDINGS / name)
     hashes: list[str] = []
     answer = Record.ask
@@ -110,13 +109,12 @@ def test_every_conversation_is_replayed_with_the_prompts_of_today(name, tmp_path
     today = [one.sha256 for one in recorded.exchanges if not is_of_the_former_grasp(one)]
     assert sorted(hashes) == sorted(today)
     for file in RECORDINGS.glob(f"{name}/[qra]*.*"):
-        made = tmp_path / "results/main/vlm" / file.name
+        made = elsewhere / "results/main/vlm" / file.name
         assert made.name == "README.md" or made.read_text() == file.read_text()
 
 
-def test_without_a_name_the_recording_answers(tmp_path, monkeypatch, capsys):
+def test_without_a_name_the_recording_answers(elsewhere, capsys):
     assert transcripts() == {name: RECORDINGS / name for name in TASKS}
-    monkeypatch.chdir(tmp_path)
     assert main(["vlm", "question"]) == 0
     assert "Best placement of one camera: " in capsys.readouterr().out
 

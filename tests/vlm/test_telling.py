@@ -57,14 +57,13 @@ def test_a_text_too_many_or_too_few_is_named(tmp_path):
     assert description.questioned(task) == {}
 
 
-def test_a_task_without_words_is_refused_in_a_line(monkeypatch, tmp_path, capsys):
+def test_a_task_without_words_is_refused_in_a_line(monkeypatch, elsewhere, capsys):
     mute = replace(NEEDLE_HOOP, telling=None)
     monkeypatch.setattr("needlehoop.envs.settings.find", lambda _: mute)
-    monkeypatch.chdir(tmp_path)
     assert main(["vlm", "rank", "vlm=manual", "vlm.model=m"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "task needle_hoop: no model can be asked about it; it has no telling" in line
-    assert not list(tmp_path.iterdir())
+    assert not list(elsewhere.iterdir())
 
 
 @pytest.mark.parametrize("task", OTHERS)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from PIL import Image
+from tiny_runs import contents
 from vlm_server import KEY, Server, by_schema
 
 from needlehoop.cli.main import main
@@ -70,11 +71,6 @@ def conversations(study: Path) -> list[str]:
 def rows_of(path: Path) -> list[dict[str, str]]:
     with path.open(newline="") as file:
         return list(csv.DictReader(file))
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
 def programs(*worths: int | str) -> list[str]:
@@ -261,7 +257,7 @@ def trained_run(folder: Path, origin: Path) -> Path:
 
 # imageio-ffmpeg leaves its pipes for the garbage collector to close.
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_a_program_is_revised_after_a_training(study, words, server, tmp_path, capsys):
+def test_a_program_is_revised_after_a_training(study, words, server, tmp_path):
     place = study / "rewards/dep_front+seg_side"
     run = trained_run(tmp_path / "run", place / "text.txt")
     text = ["vlm", "reward", CAMS, "flavour=text", *words]
@@ -328,6 +324,7 @@ def test_training_asks_for_a_reward_that_is_not_recorded(words, server, monkeypa
     (_, run), *_ = trained(monkeypatch, *words)
     assert Path("results/main/vlm/rewards/dep_front+seg_side/image.txt").read_text() == GOOD
     assert (run.folder / "reward.txt").read_text().endswith(GOOD)
+    assert run.config()["reward"]["program"]["text"] == GOOD
     # The second training finds it.
     trained(monkeypatch, *words, "seed=1")
     assert len(server.requests) == 1

@@ -15,15 +15,12 @@ from needlehoop.vlm.messages import Message, Png, Request
 from needlehoop.vlm.providers import find_json, write_request
 from needlehoop.vlm.writing import ProgramRules
 
+pytestmark = pytest.mark.usefixtures("elsewhere")
+
 VLM = Path("results/main/vlm")
 WORDS = ["vlm=manual", "vlm.model=somebody", "vlm.poll=0.001", "size=16"]
 AT_ONCE = [*WORDS, "vlm.wait=0"]
 GOOD = json.dumps({"explanation": "e", "program": "reward = 9 if grasped else 0"})
-
-
-@pytest.fixture(autouse=True)
-def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
 
 
 def question() -> Path:

@@ -63,18 +63,6 @@ def test_the_hash_of_a_request_is_golden():
     assert question.sha256 == Request(messages, {"a": [2.5], "b": 1, "type": "object"}).sha256
 
 
-def test_an_exchange_is_a_whole_line(tmp_path):
-    live(tmp_path, reply('{"ä": 1}')).ask(request("Which view?"), "question")
-    (line,) = (tmp_path / "transcript.jsonl").read_text().splitlines()
-    exchange = json.loads(line)
-    assert exchange["time"].endswith("Z")
-    assert exchange["request"] == request("Which view?").canonical()
-    assert exchange["request"]["messages"][0]["parts"][1] == {"image": PICTURE.sha256}
-    assert (exchange["answer"], exchange["tokens_in"], exchange["sampling"]) == (
-        *('{"ä": 1}', 10, {"temperature": 2.0}),
-    )
-
-
 def test_repeats_replay_in_order_and_then_run_out(tmp_path):
     live(tmp_path, reply("1")).ask(request("a"), "question")
     again = live(tmp_path, reply("2"), reply("3"))
