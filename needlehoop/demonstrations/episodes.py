@@ -67,12 +67,12 @@ def scripted(name: str, task: Task) -> MakeController:
         )
     if name != PERTURBED:
         return by_name(name)
-    batches = count()
+    numbers = count()
 
     def pilot(simulation: Simulation) -> Controller:
         settings = simulation.settings
         # Noise is drawn for a full batch: an episode is the same in a smaller one.
-        generator = torch.Generator().manual_seed(settings.seed + (next(batches) << 32))
+        generator = torch.Generator().manual_seed(settings.seed + (next(numbers) << 32))
         noise = Perturbation(_BATCH, settings.episode.action_size, _STRONGEST, generator)
         expert = controller(settings.definition.teacher, settings)
         here = simulation.device

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from needlehoop.disturbances.axes import disturb_of
+from needlehoop.disturbances.axes import Levels, disturb_of, ladder
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import Controller
 from needlehoop.envs.settings import Settings
@@ -24,9 +24,6 @@ from needlehoop.pictures.stills import scaled
 from needlehoop.scene.cameras import View
 from needlehoop.scene.image_size import scaled_to
 from needlehoop.studio.players import BY_HAND, Hand, Player, has_sliders
-
-Levels = Mapping[str, Mapping[str, Sequence[float]]]
-"""Amounts at severities 1, 2, … by axis, by group: ``conf/levels``."""
 
 
 @dataclass(frozen=True)
@@ -92,8 +89,8 @@ class World:
         size: int = 256,
     ):
         self.players, self.size = players, size
-        self.ladder = {f"{g}.{key}": row for g, rows in levels.items() for key, row in rows.items()}
-        """Amounts at severities 1, 2, … by axis."""
+        self.ladder = ladder(levels)
+        """Amounts at severities 0, 1, 2, … by axis."""
         self._lock = threading.Lock()
         env = replace(settings, num_envs=1)
         self.wish = Wish(env, rendering, player, next(iter(settings.views)))
@@ -118,7 +115,7 @@ class World:
 
     def disturb(self, axis: str, severity: int) -> None:
         """Apply one disturbance from now on; severity 0 or an unknown axis: none."""
-        row = (0.0, *self.ladder.get(axis, ()))
+        row = self.ladder.get(axis, (0.0,))
         amount = row[min(severity, len(row) - 1)]
         self.set(disturb=disturb_of({axis: amount} if amount else {}))
 

@@ -14,7 +14,7 @@ from needlehoop.study.render.figures import (
     learning_curves,
     reward_comparison,
 )
-from needlehoop.study.render.style import WIDTH, styled
+from needlehoop.study.render.style import WIDTH, new_figure, save, styled
 from needlehoop.study.stats.findings import study_findings
 
 DRAWN = {"learning_curves.png", "rewards.png", "final_values.png"}
@@ -116,3 +116,9 @@ def test_final_values_stand_beside_successes_and_cheats(study):
     ):
         assert [bar.get_width() for bar in axes.patches] == pytest.approx(values)
     assert (success.get_xlabel(), cheats.get_xlabel()) == ("threaded", "cheat")
+
+
+def test_names_that_differ_behind_their_last_dot_are_two_files(tmp_path):
+    figure, _ = new_figure(20)
+    names = [f"algo.learning_rate-{rate}" for rate in ("0.0003", "0.0005")]
+    assert [save(figure, tmp_path / name).name for name in names] == [f"{n}.png" for n in names]
