@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 def test_a_refilled_page_is_the_page(name):
     page = (analysis.DOCS / name).read_text()
     assert analysis.refilled(name, page) == page
-    marker = next(iter(analysis.TABLES[name]))
+    marker = next(iter(analysis.TABLES[name]()))
     with pytest.raises(ValueError, match=f"{name}: no table {marker}"):
         analysis.refilled(name, page.replace(f"<!-- {marker}", "<!-- nothing"))
 
