@@ -193,15 +193,12 @@ def _predictions() -> pd.DataFrame:
 def _rewards() -> pd.DataFrame:
     """Each reward's runs, in the order of ``_REWARDED``, by what compares across rewards."""
     results = {(one.reward, one.cameras): one for one in study("rewards").results}
-    shares = (SUCCESS, BEST, CHEAT, SUCCESS_OVER_TRAINING)
+    columns = ("success, %", f"{BEST}, %", HUMAN_POINTS, "cheat, %", f"{SUCCESS_OVER_TRAINING}, %")
     rows = []
     for reward in sorted({reward for reward, _ in results}, key=reward_order):
-        group = [results[reward, cameras] for cameras in _REWARDED]
-        row = {f"{name}, %": percent([one.middle(name) for one in group]) for name in shares}
-        row[HUMAN_POINTS] = written([one.middle(HUMAN_POINTS) for one in group])
-        row[TO_SOON] = ", ".join(result_row(one)[TO_SOON] for one in group)
-        order = [*map("{}, %".format, shares[:2]), HUMAN_POINTS, *map("{}, %".format, shares[2:])]
-        rows.append({"reward": reward_label(reward)} | {key: row[key] for key in (*order, TO_SOON)})
+        group = [result_row(results[reward, cameras]) for cameras in _REWARDED]
+        cells = {key: ", ".join(row[key] for row in group) for key in (*columns, TO_SOON)}
+        rows.append({"reward": reward_label(reward)} | cells)
     return pd.DataFrame(rows)
 
 
