@@ -85,8 +85,8 @@ def agreements(results: ProbeResults) -> pd.DataFrame:
     for name, against, predicted, truth in sides:
         # Nothing where the probe has not seen all of the list.
         if len(truth) > 1 and truth.keys() <= predicted.keys():
-            fit = agreement({cams: predicted[cams] for cams in truth}, truth)
-            row = {"list": LISTS.get(name, name), "against": against, "n": str(fit.n)}
+            fit = agreement(({cams: predicted[cams] for cams in truth}, truth))
+            row = {"list": LISTS.get(name, name), "against": against, "n": str(len(truth))}
             rows.append(row | agreed(fit))
     return pd.DataFrame(rows)
 

@@ -9,7 +9,7 @@ from needlehoop.study.data import paper
 from needlehoop.study.data.paper import LISTS, reward_label, reward_order
 from needlehoop.study.data.records import ALL, NONE
 from needlehoop.study.render.table import Table, p_value, percent, written
-from needlehoop.study.stats.agreement import Agreement, agreement, pooled
+from needlehoop.study.stats.agreement import Agreement, agreement
 from needlehoop.study.stats.findings import Result, StudyFindings
 from needlehoop.study.stats.predictions import MEASURED, recorded_answers
 from needlehoop.study.stats.run import (
@@ -168,9 +168,9 @@ def agreements(findings: StudyFindings) -> Table:
                     continue
                 both.append((scores, values))
                 brier = {"Brier": written(prediction.brier(members, values))}
-                rows.append(row | agreed(agreement(scores, values)) | brier)
+                rows.append(row | agreed(agreement(both[-1])) | brier)
             if len(both) > 1:
-                rows.append(pair | {"list": "all lists"} | agreed(pooled(both)) | {"Brier": ""})
+                rows.append(pair | {"list": "all lists"} | agreed(agreement(*both)) | {"Brier": ""})
     note = (
         "Two-sided permutation p-values. Regret: the return lost by taking the predicted best. All"
         " lists: means, with p by orders drawn for each list by itself. Brier: mean squared error"
