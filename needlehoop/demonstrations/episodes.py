@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from tensordict import TensorDict
 
+from needlehoop.config.strict import check_names
 from needlehoop.envs.controllers import (
     Controller,
     MakeController,
@@ -60,11 +61,7 @@ def scripted(name: str, task: Task) -> MakeController:
     # Nobody learns from a cheat.
     scripts = (script for script in task.controllers if script not in (task.teacher, "cheat"))
     valid = (task.teacher, *scripts, PERTURBED)
-    if name not in valid:
-        raise ValueError(
-            f"demonstrator: {name!r} is unknown; choose from {', '.join(valid)},"
-            " or give a run's folder"
-        )
+    check_names("demonstrator (or a run's folder)", [name], valid)
     if name != PERTURBED:
         return by_name(name)
     numbers = count()

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from needlehoop.probe.scores import CONSTANT, TRUTH, ProbeResults
 from needlehoop.study.data import paper
-from needlehoop.study.data.paper import LISTS
 from needlehoop.study.render.style import COLOURS, DASHES, new_figure, save, styled
 from needlehoop.study.render.table import written
 from needlehoop.study.report.tables import agreed
@@ -86,7 +85,7 @@ def agreements(results: ProbeResults) -> pd.DataFrame:
         # Nothing where the probe has not seen all of the list.
         if len(truth) > 1 and truth.keys() <= predicted.keys():
             fit = agreement(({cams: predicted[cams] for cams in truth}, truth))
-            row = {"list": LISTS.get(name, name), "against": against, "n": str(len(truth))}
+            row = {"list": name, "against": against, "n": str(len(truth))}
             rows.append(row | agreed(fit))
     return pd.DataFrame(rows)
 

@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from scipy import stats
 
 from needlehoop.study.data import paper
-from needlehoop.study.data.paper import LISTS, reward_label, reward_order
+from needlehoop.study.data.paper import reward_label, reward_order
 from needlehoop.study.data.records import Record
 from needlehoop.study.render.style import COLOURS, DASHES, INK, new_figure, save, short, styled
 from needlehoop.study.stats.findings import StudyFindings
@@ -41,9 +41,7 @@ def learning_curves(findings: StudyFindings) -> Figure | None:
     panels = {"": [*drawn]}
     if len(drawn) > _PANEL:
         lists = findings.lists.items()
-        panels = {
-            LISTS.get(name, name): [cams for cams in drawn if cams in sets] for name, sets in lists
-        }
+        panels = {name: [cams for cams in drawn if cams in sets] for name, sets in lists}
         listed = {cams for sets in panels.values() for cams in sets}
         panels["Others"] = [cams for cams in drawn if cams not in listed]
     shown = [

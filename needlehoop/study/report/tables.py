@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from needlehoop.study.data import paper
-from needlehoop.study.data.paper import LISTS, reward_label, reward_order
+from needlehoop.study.data.paper import reward_label, reward_order
 from needlehoop.study.data.records import ALL, NONE
 from needlehoop.study.render.table import Table, p_value, percent, written
 from needlehoop.study.stats.agreement import Agreement, agreement
@@ -135,7 +135,7 @@ def table_2(findings: StudyFindings) -> Table:
         places = {one.source: one.places(members) for one in findings.rankings}
         for cameras in members:
             cells = result_row(known[cameras]) if cameras in known else {"return, 95 %": "not run"}
-            row = {"list": LISTS.get(name, name), "cameras": cameras}
+            row = {"list": name, "cameras": cameras}
             row |= {key: cells.get(key, "") for key in ("return", "return, 95 %", "success, %")}
             if findings.is_papers:
                 row["the paper's return"] = written(paper.measured().get(cameras))
@@ -152,7 +152,7 @@ def table_2(findings: StudyFindings) -> Table:
 
 def agreements(findings: StudyFindings) -> Table:
     """How well each prediction fits what was measured, here and in the paper, list by list."""
-    names = {frozenset(members): LISTS.get(name, name) for name, members in findings.lists.items()}
+    names = {frozenset(members): name for name, members in findings.lists.items()}
     rows: list[Row] = []
     for truth, values in findings.truths.items():
         for prediction in findings.predictions_of(truth):
