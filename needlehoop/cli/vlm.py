@@ -161,13 +161,16 @@ def _open(values: dict[str, Any]) -> Inquiry:
 
 def _report(inquiry: Inquiry, *written: str | Path) -> None:
     """Print where the answers are, what they cost, and what the whole transcript cost."""
-    from needlehoop.vlm.conversation import in_words, papers_totals, totals_of
+    from needlehoop.study.data import paper
+    from needlehoop.vlm.conversation import in_words, totals_of
 
     for name in written:
         print(inquiry.folder / name)
     print(f"this:       {in_words(totals_of(inquiry.record.used)['all'])}")
     print(f"transcript: {in_words(totals_of(inquiry.record.exchanges)['all'])}")
-    print(f"the paper:  {papers_totals()}")
+    # The paper does not say how many answers were invalid.
+    (papers,) = paper.rows("totals.csv")
+    print(f"the paper:  {papers['prompts']} prompts, {papers['tokens']} tokens")
 
 
 @command(argument("overrides", nargs="*", metavar="FILE | key=value"), JSON, config="check")

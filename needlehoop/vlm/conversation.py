@@ -7,7 +7,6 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
 
-from needlehoop.study.data import paper
 from needlehoop.vlm.description import fill
 from needlehoop.vlm.messages import Message, Part, Request, mistakes
 from needlehoop.vlm.record import Exchange, Record
@@ -119,12 +118,6 @@ def in_words(totals: Mapping[str, int]) -> str:
         f"{prompts} prompts, {into + out} tokens ({into} in, {out} out{unknown}),"
         f" {invalid} invalid answers"
     )
-
-
-def papers_totals() -> str:
-    """The paper's totals in words; it does not say how many answers were invalid."""
-    (row,) = paper.rows("totals.csv")
-    return f"{row['prompts']} prompts, {row['tokens']} tokens"
 
 
 def _not_empty(value: str) -> str:
