@@ -98,7 +98,7 @@ def vlm_reward(options: argparse.Namespace) -> None:
     if keys.revise is not None and (keys.samples > 1 or len(several) > 1):
         raise ValueError("revise: one run for one camera set and one sample")
     trained = None if keys.revise is None else read_run(Path(keys.revise), several[0]["size"])
-    rules, failed = None, []
+    failed = []
     for values in several:
         with _open(values) as inquiry:
             if len(several) > 1:
@@ -106,10 +106,8 @@ def vlm_reward(options: argparse.Namespace) -> None:
                 if inquiry.has_rewards(keys.flavour, keys.samples) and not values["overwrite"]:
                     print("  is there already")
                     continue
-            # The trajectories that programs are judged by do not depend on the cameras.
-            rules = rules or rules_of(values)
             try:
-                paths = inquiry.reward(keys.flavour, rules, keys.samples, trained)
+                paths = inquiry.reward(keys.flavour, rules_of(values), keys.samples, trained)
             except (NoAnswerError, RefusalError) as error:
                 if len(several) == 1:
                     raise
