@@ -89,7 +89,7 @@ def vlm_reward(options: argparse.Namespace) -> None:
     keys = strict.read(several[0], flavour=Flavour, samples=Samples, revise=str | None)
     for values in several:
         strict.value(values, "gates", Gates)
-        _understood(values)
+        _open(values)
     from needlehoop.training.session import rules_of
     from needlehoop.vlm.conversation import NoAnswerError
     from needlehoop.vlm.record import RefusalError
@@ -139,22 +139,18 @@ def _sets(words: list[str]) -> list[list[str]]:
     return [[*rest, f"cams={cams}"] for cams in sets]
 
 
-def _understood(values: dict[str, Any]) -> tuple[Any, Any, Any]:
-    """The scene, the inquiry's settings and the provider's, checked."""
+def _open(values: dict[str, Any]) -> Inquiry:
     from needlehoop.training.session import provider_config
     from needlehoop.vlm.config import InquiryConfig
 
     config, provider = strict.as_type(values, InquiryConfig), provider_config(values["vlm"])
     from needlehoop.envs.settings import settings_from
 
-    return settings_from(values), config, provider
-
-
-def _open(values: dict[str, Any]) -> Inquiry:
-    understood = _understood(values)
+    settings = settings_from(values)
+    # What is wrong is said before all that answers needs is imported.
     from needlehoop.vlm.inquiry import Inquiry
 
-    return Inquiry(*understood)
+    return Inquiry(settings, config, provider)
 
 
 def _report(inquiry: Inquiry, *written: str | Path) -> None:
