@@ -19,9 +19,10 @@ from tqdm import tqdm
 from needlehoop.config import strict
 from needlehoop.config.strict import Count, Range
 from needlehoop.envs.settings import Settings
+from needlehoop.learning.algorithm_config import PpoConfig
 from needlehoop.learning.encoder import EncoderConfig, Fold, convolution_dtype
 from needlehoop.learning.job import pick_device
-from needlehoop.learning.networks import HeadConfig, Trunk
+from needlehoop.learning.networks import Trunk
 from needlehoop.probe.frames import Frames, collect, quantities
 from needlehoop.probe.scores import CONSTANT, TRUTH, constant, errors, save
 from needlehoop.runs.files import check_folder, check_name, seen
@@ -59,7 +60,8 @@ class Plan:
     """The scene, its views and renderings; its own cameras are ignored."""
     camera_sets: tuple[tuple[str, ...], ...]
     encoder: EncoderConfig
-    heads: HeadConfig
+    algo: PpoConfig
+    """Of which the network counts."""
     episodes: Episodes
     fit: Fit
     seeds: Annotated[int, Range(1, 1000)]
@@ -153,10 +155,11 @@ class Reader:
             shapes[name] = torch.Size((channels // stem**2, height * stem, width * stem))
         vectors = {} if cameras else {TRUTH: learnt.state.shape[-1]}
         dtype = convolution_dtype(plan.precision, self._device)
-        trunk = Trunk(shapes, vectors, plan.encoder, plan.heads, dtype)
+        network = plan.algo.network
+        trunk = Trunk(shapes, vectors, plan.encoder, network, dtype)
         self._trunk = trunk.to(self._device)
         self._mean = learnt.points.mean(0)
-        self._answers = nn.Linear(plan.heads.hidden, self._mean.numel() + 1).to(self._device)
+        self._answers = nn.Linear(network.hidden, self._mean.numel() + 1).to(self._device)
         self._normalizers: list[Any] = list(trunk.normalizers.values())
         self._deviation = learnt.points.std(0).clamp(min=1e-3)
 

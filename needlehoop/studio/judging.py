@@ -15,7 +15,7 @@ import numpy as np
 import torch
 
 from needlehoop.config import composing
-from needlehoop.config.strict import as_type, value
+from needlehoop.config.strict import as_type
 from needlehoop.disturbances.axes import Disturb
 from needlehoop.engines.contract import FIELDS, Channels
 from needlehoop.engines.rasteriser.renderer import CpuRasteriser
@@ -23,7 +23,6 @@ from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller, rollout
 from needlehoop.envs.images import things
 from needlehoop.envs.settings import Settings
-from needlehoop.learning.algorithm_config import PpoConfig
 from needlehoop.probe import measuring
 from needlehoop.probe.frames import quantities
 from needlehoop.probe.measuring import Plan
@@ -113,7 +112,6 @@ def probe_scores(
     values = composing.compose((), "probe")
     plain = replace(settings, cams=(), disturb=Disturb())
     plan_values = {**values, "env": plain, "camera_sets": sets, "seeds": 1, **changes}
-    plan_values["heads"] = value(values, "algo", PpoConfig).network
     plan = as_type(plan_values, Plan)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)

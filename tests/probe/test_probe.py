@@ -13,7 +13,9 @@ import pytest
 import torch
 
 from needlehoop.cli import main as cli
+from needlehoop.config import composing, strict
 from needlehoop.envs.settings import Settings
+from needlehoop.learning.algorithm_config import PpoConfig
 from needlehoop.learning.encoder import EncoderConfig
 from needlehoop.learning.networks import HeadConfig
 from needlehoop.probe import frames, measuring
@@ -222,11 +224,12 @@ def test_combinations_are_names_with_plus(settings):
 
 
 def _plan(settings: Settings, folder: Path, sets: list[str], updates: int, **more) -> Plan:
+    ppo = strict.value(composing.compose((), "probe"), "algo", PpoConfig)
     return Plan(
         env=settings,
         camera_sets=camera_sets(sets, settings),
         encoder=EncoderConfig("tiny", 4, (16,), 1),
-        heads=HeadConfig(64, 1, 1.0, True, ()),
+        algo=replace(ppo, network=HeadConfig(64, 1, 1.0, True, ())),
         episodes=Episodes(**{"train": 60, "held_out": 24, "per_phase": 4, **more}),
         fit=Fit(updates, 64, 2e-3),
         seeds=1,
