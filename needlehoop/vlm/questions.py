@@ -14,6 +14,7 @@ from itertools import chain, combinations, pairwise
 from typing import Annotated, Any
 
 import numpy as np
+from pydantic import AfterValidator
 from scipy.stats import kendalltau
 
 from needlehoop.config.strict import Range
@@ -33,33 +34,33 @@ Ranked = dict[str, Any]
 _SEED = 0
 
 
+def _different(names: Any) -> Any:
+    if len(set(names)) < max(2, len(names)):
+        raise ValueError(f"{[*names]} must be two or more, all different")
+    return names
+
+
+_DIFFERENT = AfterValidator(_different)
+
+
 @dataclass(frozen=True)
 class Questions:
     """Values in ``conf/vlm_question.yaml``, which explains them."""
 
-    shown: tuple[str, ...]
-    layouts: Mapping[str, str]
-
-    def __post_init__(self) -> None:
-        _check_different("shown", self.shown)
-        _check_different("layouts", [*self.layouts])
+    shown: Annotated[tuple[str, ...], _DIFFERENT]
+    layouts: Annotated[Mapping[str, str], _DIFFERENT]
 
 
 @dataclass(frozen=True)
 class Lists:
     """Values in ``conf/vlm_rank.yaml``, which explains them."""
 
-    lists: tuple[tuple[str, ...], ...]
+    lists: tuple[Annotated[tuple[str, ...], _DIFFERENT], ...]
     samples: Samples
     afresh: bool
-    sets: tuple[tuple[str, ...], ...] = ()
+    sets: tuple[Annotated[tuple[str, ...], _DIFFERENT], ...] = ()
     group: Annotated[int, Range(2, 20)] = 5
     rounds: Annotated[int, Range(1, 100)] = 4
-
-    def __post_init__(self) -> None:
-        for key, lists in (("lists", self.lists), ("sets", self.sets)):
-            for sets in lists:
-                _check_different(key, sets)
 
     def check(self, settings: Settings, shown: Sequence[str]) -> None:
         """``ValueError``: a camera that the questions do not show."""
@@ -79,11 +80,6 @@ class Lists:
         for sample in () if self.sets else range(1, self.samples + 1):
             for number, sets in enumerate(self.lists, 1):
                 yield number, sample, sets
-
-
-def _check_different(key: str, names: Sequence[str]) -> None:
-    if len(set(names)) < max(2, len(names)):
-        raise ValueError(f"{key}: {list(names)} must be two or more, all different")
 
 
 def question(
