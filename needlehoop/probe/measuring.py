@@ -32,6 +32,10 @@ _SEEDS = 2_000_000
 """The probe's seeds begin here, far from those of training and evaluation."""
 
 
+Progress = Callable[[float], None]
+"""Is told the share that is done; may raise to stop."""
+
+
 @dataclass(frozen=True)
 class Episodes:
     """How many episodes, for each seed of the probe."""
@@ -95,20 +99,21 @@ def camera_sets(names: Any, settings: Settings) -> tuple[tuple[str, ...], ...]:
     return sets
 
 
-def probe(plan: Plan, folder: Path, progress: Callable[..., Any] = tqdm) -> None:
+def probe(plan: Plan, folder: Path, progress: Progress = lambda _: None) -> None:
     """Measure every camera set of a plan and the baselines, into a folder.
 
     ``ValueError``: episodes that do not come to every phase.
     """
     # One torch thread per reader: sums are then rounded alike at any number of threads.
     torch.set_num_threads(1)
-    with progress(total=plan.seeds * (len(plan.camera_sets) + 1), unit="set") as bar:
+    with tqdm(total=plan.seeds * (len(plan.camera_sets) + 1), unit="set") as bar:
         for seed in range(plan.seeds):
             bar.set_description(f"seed {seed}")
-            _probe_seed(plan, folder, seed, bar)
+            progress(bar.n / bar.total)
+            _probe_seed(plan, folder, seed, bar, progress)
 
 
-def _probe_seed(plan: Plan, folder: Path, seed: int, bar: tqdm) -> None:
+def _probe_seed(plan: Plan, folder: Path, seed: int, bar: tqdm, progress: Progress) -> None:
     targets, sizes, fold = quantities(plan.env.definition), plan.episodes, Fold(plan.encoder.stem)
     cameras = tuple(dict.fromkeys(camera for cams in plan.camera_sets for camera in cams))
     parts = []
@@ -127,6 +132,7 @@ def _probe_seed(plan: Plan, folder: Path, seed: int, bar: tqdm) -> None:
         reader.learn()
         keep(name, *reader.read(held_out))
         bar.update()
+        progress(bar.n / bar.total)
 
     keep(CONSTANT, *constant(targets, learnt, held_out))
     sets = {seen(cams): cams for cams in plan.camera_sets} | {TRUTH: ()}
