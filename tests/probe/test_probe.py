@@ -314,7 +314,7 @@ def test_tables_hold_the_papers_lists_against_the_probe(tmp_path):
         means = _errors([value] * 3, 12, 0.0, 0)
         save(tmp_path / f"seed0/{name}.csv", TARGETS, means, np.ones((12, 3), dtype=int))
     results = load(tmp_path, TARGETS)
-    table = agreements(results)
+    table = agreements(results).rows
     measured = table[table["against"] == "the paper's measured"]
     assert measured["n"].tolist() == ["5", "5", "6", "14"]
     assert measured["tau-b"].tolist()[:3] == ["1.00"] * 3
@@ -322,11 +322,11 @@ def test_tables_hold_the_papers_lists_against_the_probe(tmp_path):
     # As the paper's VLM agrees with the paper's own measurements.
     vlm = table[table["against"] == "the paper's VLM"]
     assert vlm["tau-b"].tolist() == ["0.60", "0.60", "0.60"]
-    assert ranking(results)["cameras"].tolist()[::15] == ["dep_front+seg_side", "constant"]
+    assert ranking(results).rows["cameras"].tolist()[::15] == ["dep_front+seg_side", "constant"]
     axes = ranking_figure(results).axes
     assert axes[0].get_yticklabels()[0].get_text() == "dep_front+seg_side"
     results.targets = replace(TARGETS, task="reach")
-    assert agreements(results).empty
+    assert agreements(results).rows.empty
 
 
 def test_the_shipped_probe_is_shown_with_its_numbers(tmp_path):
