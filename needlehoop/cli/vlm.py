@@ -62,7 +62,7 @@ def vlm_rank(options: argparse.Namespace) -> None:
     bench = None if folder is None else read_folder(Path(folder), about, values["size"])
     with _open(values) as inquiry:
         if bench is None:
-            result, how = inquiry.rank(questions, lists), inquiry.ranked(lists)
+            result, how = inquiry.rank(questions, lists), inquiry.suffix(lists)
         else:
             result, how = inquiry.rank_pictures(*bench, lists), "_pictures"
     for number, entry in enumerate(result["lists"], 1):

@@ -69,7 +69,9 @@ def to_rgb(image: np.ndarray, rendering_depth: str) -> np.ndarray:
 
 
 def scaled(image: np.ndarray, rendering: Rendering, size: int, raw: bool = True) -> Image.Image:
-    """The same as a picture, its longer side ``size`` px; ``raw`` leaves its pixels to be seen."""
+    """An agent's image as a picture whose longer side is ``size`` px; ``raw``: enlarged without
+    smoothing.
+    """
     resampling = Image.Resampling.NEAREST if raw else Image.Resampling.BOX
     whole = sides(scaled_to((image.shape[2], image.shape[1]), size))
     return Image.fromarray(to_rgb(image, rendering.depth)).resize(whole, resampling)

@@ -44,13 +44,13 @@ class Wish:
     """How often the episode was begun again."""
 
     @property
-    def scene(self) -> tuple[Any, ...]:
-        """What the simulations depend on."""
+    def scene_key(self) -> tuple[Any, ...]:
+        """Changing any of these makes other simulations."""
         return self.settings, self.rendering, self.player, self.restarts
 
     @property
-    def begun(self) -> tuple[Any, ...]:
-        """What the episode depends on, but for the disturbance."""
+    def episode_key(self) -> tuple[Any, ...]:
+        """Changing any of these begins another episode; a new disturbance does not."""
         s = self.settings
         return s.task, s.episode, s.seed, s.psm, self.restarts
 
@@ -141,7 +141,7 @@ class World:
         wish, before = self.wish, self._done
         if wish == before and not wish.ahead:
             return None
-        if before is None or wish.scene != before.scene:
+        if before is None or wish.scene_key != before.scene_key:
             self._build(wish, before)
         if wish.ahead:
             wish = self._advance(wish)
@@ -157,7 +157,7 @@ class World:
         shown = replace(settings, cams=tuple(f"{wish.rendering}_{v}" for v in settings.views))
         envs = [shown, replace(shown, image_size=scaled_to(settings.image_size, self.size))]
         envs += [replace(settings, **player.sees)] if player and player.sees else []
-        goes_on = before is not None and wish.begun == before.begun
+        goes_on = before is not None and wish.episode_key == before.episode_key
         old = self._sims[0].snapshot() if goes_on else {}
         old.pop("disturbance", None)
         self._sims = [build(env) for env in envs]

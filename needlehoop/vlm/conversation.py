@@ -18,7 +18,8 @@ F = TypeVar("F", bound=BaseModel)
 
 
 class Verdict(NamedTuple):
-    """Why an answer can't be used (``None``: it can), and figures of it for the record."""
+    """``reason``: why an answer is refused, or ``None`` if it is accepted. ``report``: its
+    figures."""
 
     reason: str | None
     report: Mapping[str, Any] = {}

@@ -72,8 +72,8 @@ class Lists:
                 raise ValueError(f"{key}: {name}: {error}") from error
 
     def asked(self) -> Iterator[tuple[int, int, Sequence[str]]]:
-        """In the order of asking: the number of a list, that of a sample or (of ``sets``) a group,
-        both from 1, and the camera sets to rank."""
+        """Each question in turn: (list number, sample number, camera sets); with ``sets`` the
+        second is a group's number. Numbers start at 1."""
         for number, sets in enumerate(self.sets, 1):
             for part, dealt in enumerate(deal(sets, self.group, self.rounds), 1):
                 yield number, part, dealt
@@ -97,7 +97,7 @@ def question(
         rendering=shown[0],
     )
     subtasks = conversation.ask([text, *album.show(first)], Subtasks)
-    pictures = [*album.show(rest), *album.show_seen(cameras)]
+    pictures = [*album.show(rest), *album.show_at_agents_size(cameras)]
     suits = conversation.ask([fill("suits"), *pictures], choices(views, shown))
     moments = {
         fact: conversation.ask([fill(fact, task)], choice(views, shown)).model_dump()
@@ -143,7 +143,7 @@ def opening(
 ) -> list[Part]:
     """The scene and the pictures of all cameras of a list, where nothing else was asked before.
 
-    ``scene``: of ``description.scene``.
+    ``scene``: the text of ``description.scene``, passed in because it is slow to make.
     """
     shown, texts = narrowed(settings, sets), [scene]
     if prompt_detail != "nothing":
@@ -153,7 +153,7 @@ def opening(
     text = fill(
         "rank_afresh", told="\n\n".join(texts), pixels=description.extent(settings.image_size)
     )
-    return [text, *album.show(shown.cams), *album.show_seen(shown.cams)]
+    return [text, *album.show(shown.cams), *album.show_at_agents_size(shown.cams)]
 
 
 def order(conversation: Conversation, sets: Sequence[str], before: Sequence[Part] = ()) -> Ranked:

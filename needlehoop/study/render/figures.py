@@ -212,7 +212,7 @@ def _bars(
         axes.text(1.07 * highest, y, label, va="center", fontsize=6, clip_on=False)
 
 
-_DRAWN: dict[str, tuple[Callable[[StudyFindings], Figure | None], str]] = {
+_FIGURES: dict[str, tuple[Callable[[StudyFindings], Figure | None], str]] = {
     "rewards": (
         reward_comparison,
         "Rewards compared. Left: each curve is in its own reward's points. Right, what compares"
@@ -246,7 +246,7 @@ class Drawn:
 def draw(findings: StudyFindings, folder: Path) -> list[Drawn]:
     """Draw everything there is data for, as PNG; what older calls left in the folder goes."""
     drawn = []
-    for name, (figure, caption) in _DRAWN.items():
+    for name, (figure, caption) in _FIGURES.items():
         (folder / f"{name}.png").unlink(missing_ok=True)
         with styled():
             if (made := figure(findings)) is not None:
