@@ -62,20 +62,8 @@ DOCS, RESULTS = ROOT / "docs", ROOT / "results"
 
 STUDIES = ("fast", "table2", "rewards")
 
-PEGS, NEEDLE = "protocol_peg_transfer", "success with the needle"
-"""The protocol's study of another task, and what Q1's success is called where it predicts that."""
-
-SURVIVED = "survival"
-"""Runs of the first round of Q1, with their stress tests."""
-
-MOUNTED, MOUNTED_PEGS = "operating_room", "operating_room_pegs"
-"""Runs with cameras on an instrument or an endoscope; and those of another task."""
-
-PPO, MOUNTED_PPO = "ppo", "operating_room_ppo"
-"""Q1's camera sets by PPO; and those with cameras on instruments, beside which one of Q1 counts."""
-
-PAIRS = "placement_pairs"
-"""Two of the cameras at random places."""
+NEEDLE = "success with the needle"
+"""What Q1's success is called where it predicts what the peg transfer's runs gave."""
 
 IMITATED = "imitation"
 """The protocol's runs, where their success predicts what earlier studies measured."""
@@ -99,13 +87,13 @@ _REWARDED = ("dep_front+seg_side", "dep_front+rgb_side", "rgb_front+seg_side")
 
 def refilled(name: str, page: str) -> str:
     """A page of ``TABLES`` with today's tables; ``ValueError`` if one has no place in it."""
-    for marker, table in TABLES[name].items():
+    for marker, table in TABLES[name]().items():
         head = f"<!-- {marker} -->\n"
         before, separator, after = page.partition(head)
         if not separator:
             raise ValueError(f"{name}: no table {marker}")
         _, end, after = after.partition("\n\n")
-        page = before + head + Table(marker, "", table()).markdown() + end[1:] + after
+        page = before + head + Table(marker, "", table).markdown() + end[1:] + after
     return page
 
 
@@ -135,17 +123,6 @@ def peg_predictions() -> list[Prediction]:
     ]
     needle = scored(NEEDLE, means(runs("protocol")), paper.lists().values())
     return [Prediction("claude", {frozenset(order): order for order in orders}), needle]
-
-
-@cache
-def stress() -> pd.DataFrame:
-    """The stress tests of Q4."""
-    return stress_of(RESULTS / SURVIVED)
-
-
-def survived() -> pd.DataFrame:
-    """What disturbances cost the runs of Q4."""
-    return survival.survival(stress())
 
 
 def _results() -> pd.DataFrame:
@@ -216,87 +193,81 @@ def _predictions() -> pd.DataFrame:
 def _rewards() -> pd.DataFrame:
     """Each reward's runs, in the order of ``_REWARDED``, by what compares across rewards."""
     results = {(one.reward, one.cameras): one for one in study("rewards").results}
-    shares = (SUCCESS, BEST, CHEAT, SUCCESS_OVER_TRAINING)
+    columns = ("success, %", f"{BEST}, %", HUMAN_POINTS, "cheat, %", f"{SUCCESS_OVER_TRAINING}, %")
     rows = []
     for reward in sorted({reward for reward, _ in results}, key=reward_order):
-        group = [results[reward, cameras] for cameras in _REWARDED]
-        row = {f"{name}, %": percent([one.middle(name) for one in group]) for name in shares}
-        row[HUMAN_POINTS] = written([one.middle(HUMAN_POINTS) for one in group])
-        row[TO_SOON] = ", ".join(result_row(one)[TO_SOON] for one in group)
-        order = [*map("{}, %".format, shares[:2]), HUMAN_POINTS, *map("{}, %".format, shares[2:])]
-        rows.append({"reward": reward_label(reward)} | {key: row[key] for key in (*order, TO_SOON)})
+        group = [result_row(results[reward, cameras]) for cameras in _REWARDED]
+        cells = {key: ", ".join(row[key] for row in group) for key in (*columns, TO_SOON)}
+        rows.append({"reward": reward_label(reward)} | cells)
     return pd.DataFrame(rows)
 
 
-def mounted_predictions() -> dict[str, dict[str, dict[str, float]]]:
-    """What was said of the sets with cameras on instruments before they were trained."""
-    return {
+def _verdicts() -> dict[str, pd.DataFrame]:
+    written_rewards = runs("protocol_rewards")
+    table = verdicts_table(runs("protocol"), runs("operating_room"), written_rewards, study)
+    return {"verdicts": table}
+
+
+@cache
+def _evidence() -> dict[str, pd.DataFrame]:
+    imitated, ppo, mounted = runs("protocol"), runs("ppo"), runs("operating_room")
+    # A front and a side view by PPO are among Q1's runs.
+    pair = ppo.query("cameras == 'rgb_front+rgb_side'")
+    mounted_ppo = pd.concat([runs("operating_room_ppo"), pair], ignore_index=True)
+    # Both were made before the sets with cameras on instruments were trained.
+    foretold = {
         "claude": instruments.model_scores(RECORDINGS / "claude_operating_room"),
-        "probe": instruments.probe_scores(RESULTS / MOUNTED),
+        "probe": instruments.probe_scores(RESULTS / "operating_room"),
+    }
+    pegs, singles, pairs = (
+        runs("protocol_peg_transfer"),
+        runs("placements"),
+        runs("placement_pairs"),
+    )
+    tested, stress = runs("survival"), stress_of(RESULTS / "survival")
+    return {
+        "stand_in": beside_table(ppo, imitated),
+        "mounted": instruments.views_table(mounted),
+        "mounted_questions": instruments.questions_table(mounted),
+        "mounted_predictions": instruments.predictions_table(foretold, mounted),
+        "mounted_ppo": beside_table(mounted_ppo, mounted),
+        "mounted_pegs": sets_table(runs("operating_room_pegs"), "placed"),
+        "mounted_axes": survival.axes_table(pd.read_csv(RESULTS / "operating_room" / STRESS)),
+        "protocol": sets_table(imitated),
+        "protocol_best": best_table(imitated),
+        "protocol_traits": traits_table(imitated),
+        "protocol_changes": changes_table(imitated),
+        "protocol_predictions": predictions_table(camera_predictions(), means(imitated)),
+        "pegs": sets_table(pegs, "placed"),
+        "pegs_traits": traits_table(pegs),
+        "pegs_changes": changes_table(pegs),
+        "pegs_predictions": predictions_table(peg_predictions(), means(pegs)),
+        "places": placements.places_table(singles),
+        "placements": placements.predictions_table(placements.single_scores(), singles),
+        "pairs": placements.places_table(pairs),
+        "pairs_predictions": placements.predictions_table(placements.pair_scores(singles), pairs),
+        "survival": survival.sets_table(tested, survival.survival(stress)),
+        "survival_axes": survival.axes_table(stress),
+        "survival_predicted": survival.predictions_table(tested, stress),
+        "writers": writers_table(runs("protocol_rewards")),
+        "results": _results(),
+        "claims": _claims(),
+        "predictions": _predictions(),
+        "rewards": _rewards(),
     }
 
 
-def mounted_by_ppo() -> pd.DataFrame:
-    """Q7's runs by PPO; that of a front and a side view is Q1's."""
-    pair = runs(PPO).query("cameras == 'rgb_front+rgb_side'")
-    return pd.concat([runs(MOUNTED_PPO), pair], ignore_index=True)
-
-
-_EVIDENCE: Mapping[str, Callable[[], pd.DataFrame]] = {
-    "stand_in": lambda: beside_table(runs(PPO), runs("protocol")),
-    "mounted": lambda: instruments.views_table(runs(MOUNTED)),
-    "mounted_questions": lambda: instruments.questions_table(runs(MOUNTED)),
-    "mounted_predictions": lambda: instruments.predictions_table(
-        mounted_predictions(), runs(MOUNTED)
-    ),
-    "mounted_ppo": lambda: beside_table(mounted_by_ppo(), runs(MOUNTED)),
-    "mounted_pegs": lambda: sets_table(runs(MOUNTED_PEGS), "placed"),
-    "mounted_axes": lambda: survival.axes_table(pd.read_csv(RESULTS / MOUNTED / STRESS)),
-    "protocol": lambda: sets_table(runs("protocol")),
-    "protocol_best": lambda: best_table(runs("protocol")),
-    "protocol_traits": lambda: traits_table(runs("protocol")),
-    "protocol_changes": lambda: changes_table(runs("protocol")),
-    "protocol_predictions": lambda: predictions_table(
-        camera_predictions(), means(runs("protocol"))
-    ),
-    "pegs": lambda: sets_table(runs(PEGS), "placed"),
-    "pegs_traits": lambda: traits_table(runs(PEGS)),
-    "pegs_changes": lambda: changes_table(runs(PEGS)),
-    "pegs_predictions": lambda: predictions_table(peg_predictions(), means(runs(PEGS))),
-    "places": lambda: placements.places_table(runs("placements")),
-    "placements": lambda: placements.predictions_table(
-        placements.single_scores(), runs("placements")
-    ),
-    "pairs": lambda: placements.places_table(runs(PAIRS)),
-    "pairs_predictions": lambda: placements.predictions_table(
-        placements.pair_scores(runs("placements")), runs(PAIRS)
-    ),
-    "survival": lambda: survival.sets_table(runs(SURVIVED), survived()),
-    "survival_axes": lambda: survival.axes_table(stress()),
-    "survival_predicted": lambda: survival.predictions_table(runs(SURVIVED), stress()),
-    "writers": lambda: writers_table(runs("protocol_rewards")),
-    "results": _results,
-    "claims": _claims,
-    "predictions": _predictions,
-    "rewards": _rewards,
-}
-
-TABLES: Mapping[str, Mapping[str, Callable[[], pd.DataFrame]]] = {
-    "findings.md": {
-        "verdicts": lambda: verdicts_table(
-            runs("protocol"), runs(MOUNTED), runs("protocol_rewards"), study
-        )
-    },
-    "evidence.md": _EVIDENCE,
-}
-"""Each page's tables, by the comments above them."""
+TABLES = {"findings.md": _verdicts, "evidence.md": _evidence}
+"""What makes each page's tables, by the comments above them."""
 
 FIGURES: Mapping[str, Callable[[], Figure]] = {
-    "mounted": lambda: instruments.views_figure(runs(MOUNTED)),
+    "mounted": lambda: instruments.views_figure(runs("operating_room")),
     "which_cameras": lambda: sets_figure(runs("protocol")),
     "predictions": lambda: predictions_figure(camera_predictions(), means(runs("protocol"))),
-    "where_cameras": lambda: placements.places_figure(runs("placements"), runs(PAIRS)),
-    "survival": lambda: survival.survival_figure(survived()),
+    "where_cameras": lambda: placements.places_figure(runs("placements"), runs("placement_pairs")),
+    "survival": lambda: survival.survival_figure(
+        survival.survival(stress_of(RESULTS / "survival"))
+    ),
 }
 """PNG files of docs/."""
 

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from scipy.stats import kendalltau
 
 from analysis.dots import trainings_figure
-from analysis.protocol import means, more
+from analysis.protocol import mean_tau, means, more, regret
 from needlehoop.study.render.table import percent, written
 from needlehoop.study.stats.statistics import Estimated, share
 
@@ -62,35 +61,30 @@ def views_table(runs: pd.DataFrame) -> pd.DataFrame:
 def questions_table(runs: pd.DataFrame) -> pd.DataFrame:
     """Q7's questions: what a set of views gains over another, and the protocol's verdict."""
     rows = []
-    for question, views in (
-        ("one camera on the instrument is enough", "wrist"),
-        ("the endoscope is enough", "ecm_left+ecm_right"),
+    for question, views, other, is_pooled in (
+        ("one camera on the instrument is enough", "wrist", "front+side", False),
+        ("the endoscope is enough", "ecm_left+ecm_right", "front+side", False),
+        ("the instrument's camera adds something", "ecm_left+wrist", "ecm_left", True),
     ):
-        gains = {
-            name: more(_successes(runs, views, name), _successes(runs, "front+side", name))
-            for name in RENDERINGS
-        }
-        enough = sum(
-            gain.interval is not None and gain.interval.low > -MARGIN for gain in gains.values()
+        ours, theirs = (
+            {name: _successes(runs, chosen, name) for name in RENDERINGS}
+            for chosen in (views, other)
         )
-        row = {"question": f"{question} (`{views}` less `front+side`)"}
+        gains = {name: more(ours[name], theirs[name]) for name in RENDERINGS}
+        row = {"question": f"{question} (`{views}` less `{other}`)"}
         row |= {f"{RENDERINGS[name]}, points (95 %)": _points(gain) for name, gain in gains.items()}
-        verdict = _verdict(enough >= 2, *gains.values())
-        rows.append(row | {"all, points (95 %)": "", "verdict": verdict})
-    pair, alone = (
-        {name: _successes(runs, views, name) for name in RENDERINGS}
-        for views in ("ecm_left+wrist", "ecm_left")
-    )
-    pooled = more(_centred(pair, alone), _centred(alone, alone))
-    row = {"question": "the instrument's camera adds something (`ecm_left+wrist` less `ecm_left`)"}
-    row |= {
-        f"{RENDERINGS[name]}, points (95 %)": _points(more(pair[name], alone[name]))
-        for name in RENDERINGS
-    }
-    adds = pooled.interval is not None and pooled.interval.low > 0
-    verdict = _verdict(adds, pooled)
-    rows.append(row | {"all, points (95 %)": _points(pooled), "verdict": verdict})
+        if is_pooled:
+            gain = more(_centred(ours, theirs), _centred(theirs, theirs))
+            points, verdict = _points(gain), _verdict(_is_above(0.0, gain), gain)
+        else:
+            enough = sum(_is_above(-MARGIN, gain) for gain in gains.values())
+            points, verdict = "", _verdict(enough >= 2, *gains.values())
+        rows.append(row | {"all, points (95 %)": points, "verdict": verdict})
     return pd.DataFrame(rows)
+
+
+def _is_above(least: float, gain: Estimated) -> bool:
+    return gain.interval is not None and gain.interval.low > least
 
 
 def _verdict(is_so: bool, *gains: Estimated) -> str:
@@ -137,16 +131,13 @@ def predictions_table(
     measured = means(runs)
     rows = []
     for source, lists in predictions.items():
-        taus, losses = [], []
-        for scores in lists.values():
-            truth = np.array([measured[name] for name in scores])
-            predicted = np.array([*scores.values()])
-            taus.append(float(kendalltau(predicted, truth).statistic))
-            losses.append(float(truth.max() - truth[predicted == predicted.max()].mean()))
-        names = [f"τ-b, {RENDERINGS[name]}" for name in lists]
-        row = {"prediction": source} | dict(zip(names, map(written, taus), strict=True))
-        row["τ-b, mean"] = written(float(np.mean(taus)))
-        rows.append(row | {"its first loses, points": written(float(np.mean(losses)), ".0f", 100)})
+        row = {"prediction": source}
+        for name, scores in lists.items():
+            row[f"τ-b, {RENDERINGS[name]}"] = written(mean_tau([scores], measured))
+        every = [*lists.values()]
+        row["τ-b, mean"] = written(mean_tau(every, measured))
+        lost = regret(every, measured)
+        rows.append(row | {"its first loses, points": written(lost, ".0f", 100)})
     return pd.DataFrame(rows)
 
 

@@ -109,8 +109,8 @@ def correlations(scores: pd.DataFrame, runs: pd.DataFrame) -> list[dict[str, str
 
 
 def predictions_table(scores: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
-    """Each prediction of these camera sets beside a random choice; of the model, in how many of the
-    bootstrap's draws its ρ is above that of the best rule."""
+    """Each prediction of these camera sets beside a random choice; for the model, also the share of
+    draws in which its ρ beats the best rule's."""
     success = pd.Series(means(runs))
     rules = (PIXELS, HIDDEN, ELEVATION)
     rho = scores.loc[success.index, [*rules]].corrwith(success, method="spearman")

@@ -178,8 +178,7 @@ def _within_classes(scores: Scores) -> Iterator[dict[str, float]]:
 
 def regret(lists: Sequence[Scores], measured: Scores) -> float:
     """Success that choosing a list's first loses, mean over lists and over ties for first."""
-    regrets = [agreement(scores, {n: measured[n] for n in scores}).regret for scores in lists]
-    return float(np.mean(regrets))
+    return float(np.mean([agreement((scores, measured)).regret for scores in lists]))
 
 
 def predicted(predictions: Sequence[Prediction]) -> dict[str, list[Scores]]:

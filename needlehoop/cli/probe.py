@@ -28,16 +28,13 @@ def probe(options: argparse.Namespace) -> None:
     from needlehoop.envs.settings import settings_from
 
     standing = settings_from({**values, "cams": []})
-    from needlehoop.learning.algorithm_config import PpoConfig
     from needlehoop.probe import measuring, report, scores
     from needlehoop.probe.frames import quantities
     from needlehoop.probe.measuring import Plan, camera_sets
     from needlehoop.runs.run import Run
 
     sets = camera_sets(values["combinations"], standing)
-    heads = strict.value(values, "algo", PpoConfig).network
-    plan_values = {**values, "env": standing, "camera_sets": sets, "heads": heads}
-    plan = strict.as_type(plan_values, Plan)
+    plan = strict.as_type({**values, "env": standing, "camera_sets": sets}, Plan)
     place = Path(plan.results) / plan.study
     if strict.value(values, "compute", bool):
         with new_folder(place, strict.value(values, "overwrite", bool)) as folder:

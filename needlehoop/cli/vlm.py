@@ -62,7 +62,7 @@ def vlm_rank(options: argparse.Namespace) -> None:
     bench = None if folder is None else read_folder(Path(folder), about, values["size"])
     with _open(values) as inquiry:
         if bench is None:
-            result, how = inquiry.rank(questions, lists), inquiry.ranked(lists)
+            result, how = inquiry.rank(questions, lists), inquiry.suffix(lists)
         else:
             result, how = inquiry.rank_pictures(*bench, lists), "_pictures"
     for number, entry in enumerate(result["lists"], 1):
@@ -89,7 +89,7 @@ def vlm_reward(options: argparse.Namespace) -> None:
     keys = strict.read(several[0], flavour=Flavour, samples=Samples, revise=str | None)
     for values in several:
         strict.value(values, "gates", Gates)
-        _understood(values)
+        _open(values)
     from needlehoop.training.session import rules_of
     from needlehoop.vlm.conversation import NoAnswerError
     from needlehoop.vlm.record import RefusalError
@@ -98,7 +98,7 @@ def vlm_reward(options: argparse.Namespace) -> None:
     if keys.revise is not None and (keys.samples > 1 or len(several) > 1):
         raise ValueError("revise: one run for one camera set and one sample")
     trained = None if keys.revise is None else read_run(Path(keys.revise), several[0]["size"])
-    rules, failed = None, []
+    failed = []
     for values in several:
         with _open(values) as inquiry:
             if len(several) > 1:
@@ -106,10 +106,8 @@ def vlm_reward(options: argparse.Namespace) -> None:
                 if inquiry.has_rewards(keys.flavour, keys.samples) and not values["overwrite"]:
                     print("  is there already")
                     continue
-            # The trajectories that programs are judged by do not depend on the cameras.
-            rules = rules or rules_of(values)
             try:
-                paths = inquiry.reward(keys.flavour, rules, keys.samples, trained)
+                paths = inquiry.reward(keys.flavour, rules_of(values), keys.samples, trained)
             except (NoAnswerError, RefusalError) as error:
                 if len(several) == 1:
                     raise
@@ -141,33 +139,32 @@ def _sets(words: list[str]) -> list[list[str]]:
     return [[*rest, f"cams={cams}"] for cams in sets]
 
 
-def _understood(values: dict[str, Any]) -> tuple[Any, Any, Any]:
-    """The scene, the inquiry's settings and the provider's, checked."""
+def _open(values: dict[str, Any]) -> Inquiry:
     from needlehoop.training.session import provider_config
     from needlehoop.vlm.config import InquiryConfig
 
     config, provider = strict.as_type(values, InquiryConfig), provider_config(values["vlm"])
     from needlehoop.envs.settings import settings_from
 
-    return settings_from(values), config, provider
-
-
-def _open(values: dict[str, Any]) -> Inquiry:
-    understood = _understood(values)
+    settings = settings_from(values)
+    # What is wrong is said before all that answers needs is imported.
     from needlehoop.vlm.inquiry import Inquiry
 
-    return Inquiry(*understood)
+    return Inquiry(settings, config, provider)
 
 
 def _report(inquiry: Inquiry, *written: str | Path) -> None:
     """Print where the answers are, what they cost, and what the whole transcript cost."""
-    from needlehoop.vlm.conversation import in_words, papers_totals, totals_of
+    from needlehoop.study.data import paper
+    from needlehoop.vlm.conversation import in_words, totals_of
 
     for name in written:
         print(inquiry.folder / name)
     print(f"this:       {in_words(totals_of(inquiry.record.used)['all'])}")
     print(f"transcript: {in_words(totals_of(inquiry.record.exchanges)['all'])}")
-    print(f"the paper:  {papers_totals()}")
+    # The paper does not say how many answers were invalid.
+    (papers,) = paper.rows("totals.csv")
+    print(f"the paper:  {papers['prompts']} prompts, {papers['tokens']} tokens")
 
 
 @command(argument("overrides", nargs="*", metavar="FILE | key=value"), JSON, config="check")

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from tensordict import TensorDict
 
+from needlehoop.config.strict import check_names
 from needlehoop.envs.controllers import (
     Controller,
     MakeController,
@@ -60,19 +61,15 @@ def scripted(name: str, task: Task) -> MakeController:
     # Nobody learns from a cheat.
     scripts = (script for script in task.controllers if script not in (task.teacher, "cheat"))
     valid = (task.teacher, *scripts, PERTURBED)
-    if name not in valid:
-        raise ValueError(
-            f"demonstrator: {name!r} is unknown; choose from {', '.join(valid)},"
-            " or give a run's folder"
-        )
+    check_names("demonstrator (or a run's folder)", [name], valid)
     if name != PERTURBED:
         return by_name(name)
-    batches = count()
+    numbers = count()
 
     def pilot(simulation: Simulation) -> Controller:
         settings = simulation.settings
         # Noise is drawn for a full batch: an episode is the same in a smaller one.
-        generator = torch.Generator().manual_seed(settings.seed + (next(batches) << 32))
+        generator = torch.Generator().manual_seed(settings.seed + (next(numbers) << 32))
         noise = Perturbation(_BATCH, settings.episode.action_size, _STRONGEST, generator)
         expert = controller(settings.definition.teacher, settings)
         here = simulation.device

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from string import Template
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -35,21 +35,14 @@ _CHUNK = 1000
 """Episodes in a folder."""
 
 _WAITING = "waiting"
-"""Folder of films until it is known which number their episode has."""
+"""Films wait here until all episodes are flown: failures are numbered last."""
 
 _DATA = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
 _FILM = "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4"
 
 
-class _Kept(NamedTuple):
-    """An episode whose films are written."""
-
-    episode: Demonstration
-    """Without its images."""
-    films: dict[str, Path]
-    """By key."""
-    stats: dict[str, Any]
-    """Of its films, by key."""
+_Kept = tuple[Demonstration, dict[str, Path], dict[str, Any]]
+"""An episode without its images, and its films and their statistics by key."""
 
 
 def write(
@@ -71,12 +64,11 @@ def write(
     kept: list[_Kept] = []
     for episode in episodes:
         kept.append(_filmed(folder, episode, len(kept), settings.image_size, rate))
-    good = [entry for entry in kept if entry.episode.success]
-    bad = [entry for entry in kept if not entry.episode.success]
+    kept.sort(key=lambda entry: not entry[0].success)
     task, frames, stories, stats = settings.definition, 0, [], []
     texts = {"instruction.text": task.summary, "observation.meta.tool": task.robot.tool}
     columns: dict[str, np.ndarray] = {}
-    for number, (episode, films, film_stats) in enumerate([*good, *bad]):
+    for number, (episode, films, film_stats) in enumerate(kept):
         n, numbers = len(episode), rows_of(episode, number, frames, rate)
         columns = numbers | {key: np.full(n, text) for key, text in texts.items() if text}
         frames += n
@@ -89,9 +81,9 @@ def write(
         spreads = film_stats | {key: spread(rows) for key, rows in numbers.items()}
         stats.append({"episode_index": number, "stats": spreads})
     (folder / _WAITING).rmdir()
-    films, total = kept[0].films, len(kept)
+    films, total, good = kept[0][1], len(kept), sum(episode.success for episode, _, _ in kept)
     succeeded = "recovery" if demonstrator == PERTURBED else "train"
-    splits = {succeeded: (0, len(good)), "failure": (len(good), total)}
+    splits = {succeeded: (0, good), "failure": (good, total)}
     info = {
         "codebase_version": "v2.1",
         **made_by(settings, demonstrator, provenance),
@@ -123,7 +115,7 @@ def _filmed(folder: Path, episode: Demonstration, number: int, size: ImageSize, 
             add(images)
         stats[key] = spread(images[:: -(-len(episode) // SAMPLED)])
     # Images of all episodes are too large to keep.
-    return _Kept(replace(episode, images={}), films, stats)
+    return replace(episode, images={}), films, stats
 
 
 def _made(path: Path) -> Path:

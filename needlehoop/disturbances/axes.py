@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -145,6 +145,24 @@ def disturb_of(amounts: Mapping[str, float]) -> Disturb:
         group, _, name = key.partition(".")
         split[group][name] = amount
     return Disturb(**split)
+
+
+Levels = Mapping[str, Mapping[str, Sequence[float]]]
+"""Amounts at severities 1, 2, … by axis, by group: ``conf/levels``."""
+
+
+def ladder(levels: Levels, most: int = 0) -> dict[str, tuple[float, ...]]:
+    """Amounts at severities 0 (none), 1, 2, … by axis.
+
+    Raises ``ValueError`` unless every axis is there, with severities up to ``most``.
+    """
+    rows = {f"{g}.{name}": (0.0, *row) for g, axes in levels.items() for name, row in axes.items()}
+    for key in rows.keys() ^ AXES.keys():
+        raise ValueError(f"levels.{key}: {'missing' if key in AXES else 'no such axis'}")
+    for key, row in rows.items():
+        if len(row) <= most:
+            raise ValueError(f"levels.{key}: give amounts at severities 1 to {most}")
+    return rows
 
 
 # The int64 with the same 64 bits, because torch has no arithmetic of unsigned ones.

@@ -11,7 +11,7 @@ import torch
 from tqdm import tqdm
 
 from needlehoop.config.strict import check_names
-from needlehoop.disturbances.axes import AXES, GROUPS, disturb_of
+from needlehoop.disturbances.axes import AXES, GROUPS, Levels, disturb_of, ladder
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import MakeController
 from needlehoop.envs.settings import Settings
@@ -45,25 +45,20 @@ def chosen_axes(words: Iterable[str], *, blind: bool) -> list[str]:
 
 
 def conditions(
-    levels: Mapping[str, Mapping[str, tuple[float, ...]]],
-    axes: Sequence[str],
-    severities: Iterable[int],
-    together: int,
+    levels: Levels, axes: Sequence[str], severities: Iterable[int], together: int
 ) -> list[Condition]:
     """Undisturbed, each axis at each severity, and all of these axes at once.
 
-    ``levels``: amounts at severities 1, 2, … by axis, by group: ``conf/levels``. ``together``:
-    severity of all at once. Raises ``ValueError`` for a severity or an axis that they lack.
+    ``together``: severity of all at once. Raises ``ValueError`` for a severity or an axis that
+    ``levels`` lack.
     """
-    amounts = {f"{g}.{name}": row for g, rows in levels.items() for name, row in rows.items()}
-    for key in amounts.keys() ^ AXES.keys():
-        raise ValueError(f"levels.{key}: {'missing' if key in AXES else 'no such axis'}")
-    most, ordered = min(map(len, amounts.values())), sorted(set(severities))
+    amounts, ordered = ladder(levels), sorted(set(severities))
+    most = min(map(len, amounts.values())) - 1
     for severity in (*ordered, together):
         if severity > most:
             raise ValueError(f"severities, together: {severity} is not among 1 to {most}")
-    single = [Condition(k, s, {k: amounts[k][s - 1]}) for k in axes for s in ordered]
-    both = Condition(ALL, together, {key: amounts[key][together - 1] for key in axes})
+    single = [Condition(k, s, {k: amounts[k][s]}) for k in axes for s in ordered]
+    both = Condition(ALL, together, {key: amounts[key][together] for key in axes})
     return [Condition(NONE, 0, {}), *single, both]
 
 

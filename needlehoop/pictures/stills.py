@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import islice
@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from needlehoop.config import strict
 from needlehoop.config.strict import Pixels
-from needlehoop.disturbances.axes import AXES, disturb_of
+from needlehoop.disturbances.axes import AXES, Levels, disturb_of, ladder
 from needlehoop.engines.contract import FIELDS, Channels
 from needlehoop.envs.build import PICTURE, build
 from needlehoop.envs.controllers import controller, rollout
@@ -69,7 +69,9 @@ def to_rgb(image: np.ndarray, rendering_depth: str) -> np.ndarray:
 
 
 def scaled(image: np.ndarray, rendering: Rendering, size: int, raw: bool = True) -> Image.Image:
-    """The same as a picture, its longer side ``size`` px; ``raw`` leaves its pixels to be seen."""
+    """An agent's image as a picture whose longer side is ``size`` px; ``raw``: enlarged without
+    smoothing.
+    """
     resampling = Image.Resampling.NEAREST if raw else Image.Resampling.BOX
     whole = sides(scaled_to((image.shape[2], image.shape[1]), size))
     return Image.fromarray(to_rgb(image, rendering.depth)).resize(whole, resampling)
@@ -149,30 +151,26 @@ def stages(settings: Settings, *moments: str) -> dict[str, dict[str, np.ndarray]
     raise RuntimeError(f"the teacher did not get to {missing} with seed={settings.seed}")
 
 
-def disturbed_sheet(
-    settings: Settings, levels: Mapping[str, Mapping[str, Sequence[float]]], tile: int
-) -> Image.Image:
+def disturbed_sheet(settings: Settings, levels: Levels, tile: int) -> Image.Image:
     """A row for each axis that can be seen; undisturbed, then severities 1, 3 and 5 by camera.
 
     Each tile, ``tile`` px wide, is what one episode drew: a uniform share of the severity's amount
-    in ``levels``, as in ``conf/levels``. The episode is the same everywhere. The settings' own
-    disturbances are ignored.
+    in ``levels``. The episode is the same everywhere. The settings' own disturbances are ignored.
     """
     if not settings.cams:
         raise ValueError("cams: choose the cameras to show, such as cams=rgb_front,dep_front")
     axes = [key for key in AXES if not key.startswith("robot.")]
-    # Amounts by severity, from 0 on.
-    ladder = {f"{g}.{key}": (0.0, *row) for g, rows in levels.items() for key, row in rows.items()}
+    rows = ladder(levels, max(_SEVERITIES))
     cases = [(key, severity) for key in axes for severity in _SEVERITIES]
     batch = replace(
         settings,
         num_envs=len(cases),
-        disturb=disturb_of({key: ladder[key][5] for key in axes}),
+        disturb=disturb_of({key: rows[key][max(_SEVERITIES)] for key in axes}),
         episode=replace(settings.episode, end_on_success=False),
     )
     simulation = build(batch)
     amounts = {
-        key: torch.tensor([ladder[key][s] if k == key else 0.0 for k, s in cases]) for key in axes
+        key: torch.tensor([rows[key][s] if k == key else 0.0 for k, s in cases]) for key in axes
     }
     first = torch.zeros(len(cases), dtype=torch.int64)
     simulation.deal(torch.arange(len(cases)), first, amounts)

@@ -27,7 +27,7 @@ _BATCH = 60
 
 @dataclass(frozen=True)
 class Quantities:
-    """Names, as tables and files have them. Made by ``quantities``."""
+    """What is read off a task's frames, by the names that tables and files use."""
 
     task: str
     ends: Mapping[str, str]

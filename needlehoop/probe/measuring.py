@@ -19,9 +19,10 @@ from tqdm import tqdm
 from needlehoop.config import strict
 from needlehoop.config.strict import Count, Range
 from needlehoop.envs.settings import Settings
+from needlehoop.learning.algorithm_config import PpoConfig
 from needlehoop.learning.encoder import EncoderConfig, Fold, convolution_dtype
 from needlehoop.learning.job import pick_device
-from needlehoop.learning.networks import HeadConfig, Trunk
+from needlehoop.learning.networks import Trunk
 from needlehoop.probe.frames import Frames, collect, quantities
 from needlehoop.probe.scores import CONSTANT, TRUTH, constant, errors, save
 from needlehoop.runs.files import check_folder, check_name, seen
@@ -29,6 +30,10 @@ from needlehoop.scene.cameras import parse_cameras
 
 _SEEDS = 2_000_000
 """The probe's seeds begin here, far from those of training and evaluation."""
+
+
+Progress = Callable[[float], None]
+"""Is told the share that is done; may raise to stop."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +64,8 @@ class Plan:
     """The scene, its views and renderings; its own cameras are ignored."""
     camera_sets: tuple[tuple[str, ...], ...]
     encoder: EncoderConfig
-    heads: HeadConfig
+    algo: PpoConfig
+    """Of which the network counts."""
     episodes: Episodes
     fit: Fit
     seeds: Annotated[int, Range(1, 1000)]
@@ -93,20 +99,21 @@ def camera_sets(names: Any, settings: Settings) -> tuple[tuple[str, ...], ...]:
     return sets
 
 
-def probe(plan: Plan, folder: Path, progress: Callable[..., Any] = tqdm) -> None:
+def probe(plan: Plan, folder: Path, progress: Progress = lambda _: None) -> None:
     """Measure every camera set of a plan and the baselines, into a folder.
 
     ``ValueError``: episodes that do not come to every phase.
     """
     # One torch thread per reader: sums are then rounded alike at any number of threads.
     torch.set_num_threads(1)
-    with progress(total=plan.seeds * (len(plan.camera_sets) + 1), unit="set") as bar:
+    with tqdm(total=plan.seeds * (len(plan.camera_sets) + 1), unit="set") as bar:
         for seed in range(plan.seeds):
             bar.set_description(f"seed {seed}")
-            _probe_seed(plan, folder, seed, bar)
+            progress(bar.n / bar.total)
+            _probe_seed(plan, folder, seed, bar, progress)
 
 
-def _probe_seed(plan: Plan, folder: Path, seed: int, bar: tqdm) -> None:
+def _probe_seed(plan: Plan, folder: Path, seed: int, bar: tqdm, progress: Progress) -> None:
     targets, sizes, fold = quantities(plan.env.definition), plan.episodes, Fold(plan.encoder.stem)
     cameras = tuple(dict.fromkeys(camera for cams in plan.camera_sets for camera in cams))
     parts = []
@@ -125,6 +132,7 @@ def _probe_seed(plan: Plan, folder: Path, seed: int, bar: tqdm) -> None:
         reader.learn()
         keep(name, *reader.read(held_out))
         bar.update()
+        progress(bar.n / bar.total)
 
     keep(CONSTANT, *constant(targets, learnt, held_out))
     sets = {seen(cams): cams for cams in plan.camera_sets} | {TRUTH: ()}
@@ -153,10 +161,11 @@ class Reader:
             shapes[name] = torch.Size((channels // stem**2, height * stem, width * stem))
         vectors = {} if cameras else {TRUTH: learnt.state.shape[-1]}
         dtype = convolution_dtype(plan.precision, self._device)
-        trunk = Trunk(shapes, vectors, plan.encoder, plan.heads, dtype)
+        network = plan.algo.network
+        trunk = Trunk(shapes, vectors, plan.encoder, network, dtype)
         self._trunk = trunk.to(self._device)
         self._mean = learnt.points.mean(0)
-        self._answers = nn.Linear(plan.heads.hidden, self._mean.numel() + 1).to(self._device)
+        self._answers = nn.Linear(network.hidden, self._mean.numel() + 1).to(self._device)
         self._normalizers: list[Any] = list(trunk.normalizers.values())
         self._deviation = learnt.points.std(0).clamp(min=1e-3)
 

@@ -5,38 +5,34 @@ from __future__ import annotations
 from itertools import combinations
 from pathlib import Path
 
-import pandas as pd
 from matplotlib.figure import Figure
 
 from needlehoop.probe.scores import CONSTANT, TRUTH, ProbeResults
 from needlehoop.study.data import paper
-from needlehoop.study.data.paper import LISTS
 from needlehoop.study.render.style import COLOURS, DASHES, new_figure, save, styled
-from needlehoop.study.render.table import written
+from needlehoop.study.render.table import Table, written
 from needlehoop.study.report.tables import agreed
 from needlehoop.study.stats.agreement import agreement
 from needlehoop.study.stats.predictions import PAPERS_MEASURED, said
 
 _BASELINES = {TRUTH: "true state", CONSTANT: "constant"}
 
+_NOTE = (
+    "Score: mean over phases of 1 - error / error of a constant. Camera sets whose intervals (over"
+    " held-out episodes) overlap share a place."
+)
+
 
 def write(results: ProbeResults, folder: Path) -> str:
     """Write ``ranking.csv``, ``.md`` and ``.png``; returns the tables as text."""
-    table = ranking(results)
-    table.to_csv(folder / "ranking.csv", index=False)
-    text = _markdown(table)
-    (folder / "ranking.md").write_text(
-        f"**Cameras by what can be read off their images**\n\n{text}\n\n"
-        "Score: mean over phases of 1 - error / error of a constant. Camera sets whose intervals"
-        " (over held-out episodes) overlap share a place.\n"
-    )
+    tables = [ranking(results), agreements(results)]
+    tables[0].write(folder)
     with styled():
         save(ranking_figure(results), folder / "ranking")
-    compared = agreements(results)
-    return text if compared.empty else f"{text}\n\n{_markdown(compared)}"
+    return "\n\n".join(table.text() for table in tables if not table.rows.empty)
 
 
-def ranking(results: ProbeResults) -> pd.DataFrame:
+def ranking(results: ProbeResults) -> Table:
     """Camera sets by score, then the baselines; errors are in mm, with 95 % intervals."""
     rows = []
     for name in (*results.ranked, *_BASELINES):
@@ -53,14 +49,10 @@ def ranking(results: ProbeResults) -> pd.DataFrame:
         for seed, score in enumerate(results.scores_by_seed(name)):
             row[f"seed {seed}"] = f"{score:.3f}"
         rows.append(row)
-    return pd.DataFrame(rows)
+    return Table.of("ranking", "Cameras by what can be read off their images", rows, _NOTE)
 
 
-def _markdown(table: pd.DataFrame) -> str:
-    return table.to_markdown(index=False, disable_numparse=True)
-
-
-def agreements(results: ProbeResults) -> pd.DataFrame:
+def agreements(results: ProbeResults) -> Table:
     """The probe against the paper's measurements and its VLM, and seed against seed.
 
     The probe's order predicts the other one. ``regret``: by how much the probe's first choice
@@ -85,10 +77,10 @@ def agreements(results: ProbeResults) -> pd.DataFrame:
     for name, against, predicted, truth in sides:
         # Nothing where the probe has not seen all of the list.
         if len(truth) > 1 and truth.keys() <= predicted.keys():
-            fit = agreement({cams: predicted[cams] for cams in truth}, truth)
-            row = {"list": LISTS.get(name, name), "against": against, "n": str(fit.n)}
+            fit = agreement(({cams: predicted[cams] for cams in truth}, truth))
+            row = {"list": name, "against": against, "n": str(len(truth))}
             rows.append(row | agreed(fit))
-    return pd.DataFrame(rows)
+    return Table.of("agreement", "Agreement of the probe", rows)
 
 
 def ranking_figure(results: ProbeResults) -> Figure:

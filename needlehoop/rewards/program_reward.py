@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 from torch import Tensor
 
@@ -64,7 +64,8 @@ class ProgramReward:
         return f"# From {self.origin}{confined}.\n{self.program.source}"
 
 
-class Source(NamedTuple):
+@dataclass(frozen=True)
+class Source:
     """A program's text and where it came from."""
 
     text: str
@@ -76,8 +77,8 @@ class _Config:
     kind: str
     unit: Positive | None
     clip: tuple[Real, Real] | None
-    program: Mapping[str, Any] | None
-    """A run's own ``Source``."""
+    program: Source | None
+    """A run's own."""
 
     def __post_init__(self) -> None:
         if self.clip is not None and not self.clip[0] < self.clip[1]:
@@ -102,16 +103,12 @@ def _read(config: Mapping[str, Any]) -> tuple[Source, tuple[float, float] | None
     """The pinned program, or the one that the config points at, in its unit; and its clip."""
     values = {key: value for key, value in config.items() if key != "name"}
     spec: Any = strict.structure(values, _File if config["kind"] == "file" else _Recorded, "reward")
-    match spec.program:
-        case {"text": str(text), "origin": str(origin)}:
-            source = Source(text, origin)
-        case None if spec.kind == "file":
-            source = read(Path(spec.path))
-        case None:
-            place = spec.study, spec.results, spec.recording
-            source = find(spec.cams, FLAVOURS[spec.kind], *place, spec.sample)
-        case _:
-            raise ValueError("reward.program: it is null, or has a text and an origin")
+    source = spec.program
+    if source is None and spec.kind == "file":
+        source = read(Path(spec.path))
+    elif source is None:
+        place = spec.study, spec.results, spec.recording
+        source = find(spec.cams, FLAVOURS[spec.kind], *place, spec.sample)
     return scaled(source, spec.unit, "reward.unit"), spec.clip
 
 
@@ -130,7 +127,7 @@ def load(config: Mapping[str, Any], table: Mapping[str, Signal]) -> ProgramRewar
 
 def with_source(config: Mapping[str, Any]) -> dict[str, Any]:
     """A config with the program's text in it, which no file changes; errors as in ``load``."""
-    return {**config, "program": _read(config)[0]._asdict()}
+    return {**config, "program": asdict(_read(config)[0])}
 
 
 def is_recorded(config: Mapping[str, Any]) -> bool:
@@ -164,7 +161,7 @@ def scaled(source: Source, unit: float | None, key: str) -> Source:
             f"{key}: {source.origin} has no line such as unit = 0.05 to put {unit} into;"
             " leave it null"
         )
-    return source._replace(text=_UNIT.sub(f"unit = {float(unit)!r}", source.text))
+    return replace(source, text=_UNIT.sub(f"unit = {float(unit)!r}", source.text))
 
 
 def find(

@@ -6,18 +6,19 @@ components do not, so one environment stays equal to its row in a batch.
 
 from __future__ import annotations
 
+from functools import reduce
+
 import torch
 from torch import Tensor
 
 
 def dot(a: Tensor, b: Tensor) -> Tensor:
-    """Scalar product of ``(..., 3)`` vectors."""
-    p = a * b
-    return p[..., 0] + p[..., 1] + p[..., 2]
+    """Scalar product of ``(..., k)`` vectors."""
+    return reduce(torch.add, (a * b).unbind(-1))
 
 
 def distance(a: Tensor, b: Tensor) -> Tensor:
-    """Euclidean distance of ``(..., 3)`` points."""
+    """Euclidean distance of ``(..., k)`` points."""
     d = a - b
     return torch.sqrt(dot(d, d))
 

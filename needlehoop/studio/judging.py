@@ -5,8 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import tempfile
-from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +13,7 @@ import numpy as np
 import torch
 
 from needlehoop.config import composing
-from needlehoop.config.strict import as_type, value
+from needlehoop.config.strict import as_type
 from needlehoop.disturbances.axes import Disturb
 from needlehoop.engines.contract import FIELDS, Channels
 from needlehoop.engines.rasteriser.renderer import CpuRasteriser
@@ -23,10 +21,9 @@ from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller, rollout
 from needlehoop.envs.images import things
 from needlehoop.envs.settings import Settings
-from needlehoop.learning.algorithm_config import PpoConfig
 from needlehoop.probe import measuring
 from needlehoop.probe.frames import quantities
-from needlehoop.probe.measuring import Plan
+from needlehoop.probe.measuring import Plan, Progress
 from needlehoop.probe.scores import load
 from needlehoop.vlm.config import InquiryConfig, ManualConfig
 from needlehoop.vlm.inquiry import Inquiry
@@ -84,40 +81,23 @@ def visibility(settings: Settings) -> dict[str, dict[str, Shown]]:
     }
 
 
-class _Bar:
-    """Stands in for tqdm's bar; ``progress`` gets the share that is done, and may raise to stop."""
-
-    def __init__(self, total: int, progress: Callable[[float], None]):
-        self._total, self._done, self._progress = total, 0, progress
-
-    def update(self, more: int = 1) -> None:
-        self._done += more
-        self._progress(self._done / self._total)
-
-    def set_description(self, _: str) -> None:
-        self.update(0)
-
-
 def probe_scores(
     settings: Settings,
     cams: tuple[str, ...],
-    progress: Callable[[float], None],
+    progress: Progress,
     **changes: Any,
 ) -> dict[str, float]:
     """The probe's score of each camera, and of all together, the best first; takes minutes.
 
-    ``progress`` is called with the share of the work that is done. ``changes`` are to the plan of
-    ``conf/probe.yaml``, such as ``episodes`` or ``fit``.
+    ``changes`` are to the plan of ``conf/probe.yaml``, such as ``episodes`` or ``fit``.
     """
     sets = tuple((name,) for name in cams) + ((cams,) if len(cams) > 1 else ())
     values = composing.compose((), "probe")
     plain = replace(settings, cams=(), disturb=Disturb())
-    plan_values = {**values, "env": plain, "camera_sets": sets, "seeds": 1, **changes}
-    plan_values["heads"] = value(values, "algo", PpoConfig).network
-    plan = as_type(plan_values, Plan)
+    values |= {"env": plain, "camera_sets": sets, "seeds": 1, **changes}
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        measuring.probe(plan, folder, lambda total, **_: nullcontext(_Bar(total, progress)))
+        measuring.probe(as_type(values, Plan), folder, progress)
         results = load(folder, quantities(settings.definition))
     return {name: results.score(name).value for name in results.ranked}
 

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from needlehoop.disturbances.axes import disturb_of
+from needlehoop.disturbances.axes import Levels, disturb_of, ladder
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import Controller
 from needlehoop.envs.settings import Settings
@@ -24,9 +24,6 @@ from needlehoop.pictures.stills import scaled
 from needlehoop.scene.cameras import View
 from needlehoop.scene.image_size import scaled_to
 from needlehoop.studio.players import BY_HAND, Hand, Player, has_sliders
-
-Levels = Mapping[str, Mapping[str, Sequence[float]]]
-"""Amounts at severities 1, 2, … by axis, by group: ``conf/levels``."""
 
 
 @dataclass(frozen=True)
@@ -47,13 +44,13 @@ class Wish:
     """How often the episode was begun again."""
 
     @property
-    def scene(self) -> tuple[Any, ...]:
-        """What the simulations depend on."""
+    def scene_key(self) -> tuple[Any, ...]:
+        """Changing any of these makes other simulations."""
         return self.settings, self.rendering, self.player, self.restarts
 
     @property
-    def begun(self) -> tuple[Any, ...]:
-        """What the episode depends on, but for the disturbance."""
+    def episode_key(self) -> tuple[Any, ...]:
+        """Changing any of these begins another episode; a new disturbance does not."""
         s = self.settings
         return s.task, s.episode, s.seed, s.psm, self.restarts
 
@@ -92,8 +89,8 @@ class World:
         size: int = 256,
     ):
         self.players, self.size = players, size
-        self.ladder = {f"{g}.{key}": row for g, rows in levels.items() for key, row in rows.items()}
-        """Amounts at severities 1, 2, … by axis."""
+        self.ladder = ladder(levels)
+        """Amounts at severities 0, 1, 2, … by axis."""
         self._lock = threading.Lock()
         env = replace(settings, num_envs=1)
         self.wish = Wish(env, rendering, player, next(iter(settings.views)))
@@ -118,7 +115,7 @@ class World:
 
     def disturb(self, axis: str, severity: int) -> None:
         """Apply one disturbance from now on; severity 0 or an unknown axis: none."""
-        row = (0.0, *self.ladder.get(axis, ()))
+        row = self.ladder.get(axis, (0.0,))
         amount = row[min(severity, len(row) - 1)]
         self.set(disturb=disturb_of({axis: amount} if amount else {}))
 
@@ -144,7 +141,7 @@ class World:
         wish, before = self.wish, self._done
         if wish == before and not wish.ahead:
             return None
-        if before is None or wish.scene != before.scene:
+        if before is None or wish.scene_key != before.scene_key:
             self._build(wish, before)
         if wish.ahead:
             wish = self._advance(wish)
@@ -160,7 +157,7 @@ class World:
         shown = replace(settings, cams=tuple(f"{wish.rendering}_{v}" for v in settings.views))
         envs = [shown, replace(shown, image_size=scaled_to(settings.image_size, self.size))]
         envs += [replace(settings, **player.sees)] if player and player.sees else []
-        goes_on = before is not None and wish.begun == before.begun
+        goes_on = before is not None and wish.episode_key == before.episode_key
         old = self._sims[0].snapshot() if goes_on else {}
         old.pop("disturbance", None)
         self._sims = [build(env) for env in envs]

@@ -21,8 +21,8 @@ from needlehoop.vlm import description
 from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.record import Record
 
-_SEEN = "seen"
-"""In ``pictures.json``: what ``Album.seen`` has."""
+_AT_AGENTS_SIZE = "seen"
+"""In ``pictures.json``: what ``Album.at_agents_size`` has."""
 
 _KINDS = (".png", ".jpg", ".jpeg")
 
@@ -37,8 +37,8 @@ class Album:
 
     stages: Mapping[str, Mapping[str, Png]]
     """By stage (see ``description.stages_of``) and camera."""
-    seen: Mapping[str, Png]
-    """The stages of ``_seen`` again, side by side, at the agent's own resolution."""
+    at_agents_size: Mapping[str, Png]
+    """Two stages again, side by side, at the agent's own resolution, by camera."""
     pixels: ImageSize
 
     def renamed(self, names: Sequence[str]) -> Album:
@@ -54,15 +54,16 @@ class Album:
             for part in (f"{camera}, {stage}:", self.stages[stage][camera])
         ]
 
-    def show_seen(self, cameras: Sequence[str]) -> list[Part]:
+    def show_at_agents_size(self, cameras: Sequence[str]) -> list[Part]:
         """Two stages at the agent's own resolution, enlarged."""
-        (width, height), two = sides(self.pixels), ", ".join(_seen([*self.stages]))
+        (width, height), two = sides(self.pixels), ", ".join(_first_and_late([*self.stages]))
         caption = f"as the agent sees it, {width} x {height} pixels (enlarged), {two}:"
-        return [part for camera in cameras for part in (f"{camera} {caption}", self.seen[camera])]
+        small = self.at_agents_size
+        return [part for camera in cameras for part in (f"{camera} {caption}", small[camera])]
 
 
-def _seen(stages: Sequence[str]) -> tuple[str, str]:
-    """The first stage, and the last before the goal; the goal, if there is no such."""
+def _first_and_late(stages: Sequence[str]) -> tuple[str, str]:
+    """The first stage, and the one before the goal (the goal itself, if there are only two)."""
     return stages[0], stages[-2 if len(stages) > 2 else -1]
 
 
@@ -99,7 +100,7 @@ def open_album(record: Record, settings: Settings, size: int) -> Album:
         stage: {camera: record.picture(sha256) for camera, sha256 in shown.items()}
         for stage, shown in kept["pictures"].items()
     }
-    return Album(pictures, pictures.pop(_SEEN), settings.image_size)
+    return Album(pictures, pictures.pop(_AT_AGENTS_SIZE), settings.image_size)
 
 
 def _take(settings: Settings, size: int) -> dict[str, dict[str, Png]]:
@@ -108,17 +109,19 @@ def _take(settings: Settings, size: int) -> dict[str, dict[str, Png]]:
     kinds = {camera.name: settings.renderings[camera.rendering] for camera in alone.cameras}
     shown = [*description.stages_of(settings.definition)]
     large = replace(alone, image_size=scaled_to(settings.image_size, size))
-    taken, seen = stages(large, *shown), stages(alone, *_seen(shown))
+    taken, seen = stages(large, *shown), stages(alone, *_first_and_late(shown))
     # Each pixel is repeated, to come as near as possible to the other pictures' size.
     times = max(1, round(size / max(sides(settings.image_size))))
-    pictures: dict[str, dict[str, Png]] = {stage: {} for stage in (*shown, _SEEN)}
+    pictures: dict[str, dict[str, Png]] = {stage: {} for stage in (*shown, _AT_AGENTS_SIZE)}
     for name in cameras:
         for stage in shown:
             picture = all_channels(taken[stage][name], kinds[name])
             pictures[stage][name] = Png.of(Image.fromarray(picture))
-        small = (seen[stage][name].repeat(times, 1).repeat(times, 2) for stage in _seen(shown))
+        small = (
+            seen[stage][name].repeat(times, 1).repeat(times, 2) for stage in _first_and_late(shown)
+        )
         pair = _side_by_side(*(all_channels(image, kinds[name]) for image in small))
-        pictures[_SEEN][name] = Png.of(Image.fromarray(pair))
+        pictures[_AT_AGENTS_SIZE][name] = Png.of(Image.fromarray(pair))
     return pictures
 
 

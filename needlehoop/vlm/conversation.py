@@ -7,7 +7,6 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
 
-from needlehoop.study.data import paper
 from needlehoop.vlm.description import fill
 from needlehoop.vlm.messages import Message, Part, Request, mistakes
 from needlehoop.vlm.record import Exchange, Record
@@ -19,7 +18,8 @@ F = TypeVar("F", bound=BaseModel)
 
 
 class Verdict(NamedTuple):
-    """Why an answer can't be used (``None``: it can), and figures of it for the record."""
+    """``reason``: why an answer is refused, or ``None`` if it is accepted. ``report``: its
+    figures."""
 
     reason: str | None
     report: Mapping[str, Any] = {}
@@ -119,12 +119,6 @@ def in_words(totals: Mapping[str, int]) -> str:
         f"{prompts} prompts, {into + out} tokens ({into} in, {out} out{unknown}),"
         f" {invalid} invalid answers"
     )
-
-
-def papers_totals() -> str:
-    """The paper's totals in words; it does not say how many answers were invalid."""
-    (row,) = paper.rows("totals.csv")
-    return f"{row['prompts']} prompts, {row['tokens']} tokens"
 
 
 def _not_empty(value: str) -> str:

@@ -17,7 +17,7 @@ from needlehoop.rewards import potential
 from needlehoop.rewards.language.program import Program
 from needlehoop.scene.signals import Signals
 from needlehoop.vlm.config import Gates
-from needlehoop.vlm.moments import CHEAT, Trajectories, collect, random_signals
+from needlehoop.vlm.moments import CHEAT, collect, random_signals
 
 
 @dataclass(frozen=True)
@@ -93,14 +93,9 @@ class GateReport:
         return "\n".join([*lines, f"verdict      {verdict}{', flagged' if self.flags else ''}"])
 
 
-def gate_report(
-    program: Program,
-    settings: Settings,
-    gates: Gates,
-    trajectories: Trajectories | None = None,
-) -> GateReport:
-    """Put a program through the gates; ``trajectories``: those of an earlier ``collect``."""
-    seen = trajectories or collect(settings, gates)
+def gate_report(program: Program, settings: Settings, gates: Gates) -> GateReport:
+    """Put a program through the gates; errors are as in ``collect``."""
+    seen = collect(settings, gates)
     wild = random_signals(settings.definition, gates.random_signals, gates.seed)
     bad, lowest, highest = _extent(program, seen.moments)
     random_bad, random_lowest, random_highest = _extent(program, wild)

@@ -88,7 +88,7 @@ class Inquiry(AbstractContextManager):
         """
         check_names("shown", topics.shown, tuple(self._settings.renderings))
         lists.check(self._settings, topics.shown)
-        how, detail, settings = self.ranked(lists), self._detail, self._settings
+        how, detail, settings = self.suffix(lists), self._detail, self._settings
         scene = description.scene(settings, detail) if how else ""
         album = self._album([*chain(*lists.sets)])
         self._clear(f"rank{how}", files=(f"rankings{how}.json",))
@@ -137,8 +137,10 @@ class Inquiry(AbstractContextManager):
         self._files.write(f"agreement{how}.csv", questions.agreement_csv(ranked))
         return result
 
-    def ranked(self, lists: Lists) -> str:
-        """What names of files and conversations say of how lists are ranked."""
+    def suffix(self, lists: Lists) -> str:
+        """The suffix of files and conversations for this way of ranking: ``_sets``, ``_names``,
+        ``_afresh`` or none.
+        """
         less = "" if self._detail == "full" else f"_{self._detail}"
         if lists.sets:
             return f"_sets{less}"

@@ -103,7 +103,9 @@ class _Flight:
 def _fly(
     simulation: Simulation, act: Controller, whole: bool = False, most: int | None = None
 ) -> _Flight:
-    """The first episodes up to their goals, or ``whole``; ``most``: steps, at most."""
+    """Fly one episode in each environment, up to its goal (``whole``: to its end), for at most
+    ``most`` steps.
+    """
     simulation.reseed(simulation.settings.seed)
     signals: list[Any] = []
     alive: list[Tensor] = []
@@ -122,9 +124,9 @@ def _stopped(blind: Settings, episodes: int) -> dict[str, tuple[Signals, Signals
     """Last moments of the teacher stopped short, and of the same episodes finished.
 
     It flies up to a moment, then holds still, or lets go. The moments are those at which a fact
-    that is not the goal first became true, and those at which half the way of a phase is gone. It
-    lets go at the end of the first phase and at the last fact before the goal. Episodes that reach
-    the goal all the same are left out. ``elapsed`` is that of the finished ones.
+    that is not the goal first became true, and the moments half-way through each phase. It lets
+    go at the end of the first phase and at the last fact before the goal. Episodes that reach the
+    goal all the same are left out. ``elapsed`` is that of the finished ones.
     """
     s = replace(blind, num_envs=episodes)
     task, act, simulation = s.definition, controller(s.definition.teacher, s), build(s)

@@ -14,6 +14,7 @@ from itertools import chain, combinations, pairwise
 from typing import Annotated, Any
 
 import numpy as np
+from pydantic import AfterValidator
 from scipy.stats import kendalltau
 
 from needlehoop.config.strict import Range
@@ -34,33 +35,33 @@ Ranked = dict[str, Any]
 _SEED = 0
 
 
+def _different(names: Any) -> Any:
+    if len(set(names)) < max(2, len(names)):
+        raise ValueError(f"{[*names]} must be two or more, all different")
+    return names
+
+
+_DIFFERENT = AfterValidator(_different)
+
+
 @dataclass(frozen=True)
 class Questions:
     """Values in ``conf/vlm_question.yaml``, which explains them."""
 
-    shown: tuple[str, ...]
-    layouts: Mapping[str, str]
-
-    def __post_init__(self) -> None:
-        _check_different("shown", self.shown)
-        _check_different("layouts", [*self.layouts])
+    shown: Annotated[tuple[str, ...], _DIFFERENT]
+    layouts: Annotated[Mapping[str, str], _DIFFERENT]
 
 
 @dataclass(frozen=True)
 class Lists:
     """Values in ``conf/vlm_rank.yaml``, which explains them."""
 
-    lists: tuple[tuple[str, ...], ...]
+    lists: tuple[Annotated[tuple[str, ...], _DIFFERENT], ...]
     samples: Samples
     afresh: bool
-    sets: tuple[tuple[str, ...], ...] = ()
+    sets: tuple[Annotated[tuple[str, ...], _DIFFERENT], ...] = ()
     group: Annotated[int, Range(2, 20)] = 5
     rounds: Annotated[int, Range(1, 100)] = 4
-
-    def __post_init__(self) -> None:
-        for key, lists in (("lists", self.lists), ("sets", self.sets)):
-            for sets in lists:
-                _check_different(key, sets)
 
     def check(self, settings: Settings, shown: Sequence[str]) -> None:
         """``ValueError``: a camera that the questions do not show."""
@@ -72,19 +73,14 @@ class Lists:
                 raise ValueError(f"{key}: {name}: {error}") from error
 
     def asked(self) -> Iterator[tuple[int, int, Sequence[str]]]:
-        """In the order of asking: the number of a list, that of a sample or (of ``sets``) a group,
-        both from 1, and the camera sets to rank."""
+        """Each question in turn: (list number, sample number, camera sets); with ``sets`` the
+        second is a group's number. Numbers start at 1."""
         for number, sets in enumerate(self.sets, 1):
             for part, dealt in enumerate(deal(sets, self.group, self.rounds), 1):
                 yield number, part, dealt
         for sample in () if self.sets else range(1, self.samples + 1):
             for number, sets in enumerate(self.lists, 1):
                 yield number, sample, sets
-
-
-def _check_different(key: str, names: Sequence[str]) -> None:
-    if len(set(names)) < max(2, len(names)):
-        raise ValueError(f"{key}: {list(names)} must be two or more, all different")
 
 
 def question(
@@ -102,7 +98,7 @@ def question(
         rendering=shown[0],
     )
     subtasks = conversation.ask([text, *album.show(first)], Subtasks)
-    pictures = [*album.show(rest), *album.show_seen(cameras)]
+    pictures = [*album.show(rest), *album.show_at_agents_size(cameras)]
     suits = conversation.ask([fill("suits"), *pictures], choices(views, shown))
     moments = {
         fact: conversation.ask([fill(fact, task)], choice(views, shown)).model_dump()
@@ -148,7 +144,7 @@ def opening(
 ) -> list[Part]:
     """The scene and the pictures of all cameras of a list, where nothing else was asked before.
 
-    ``scene``: of ``description.scene``.
+    ``scene``: the text of ``description.scene``, passed in because it is slow to make.
     """
     shown, texts = narrowed(settings, sets), [scene]
     if prompt_detail != "nothing":
@@ -156,7 +152,7 @@ def opening(
     texts.append(description.stages(settings, prompt_detail))
     album = album.renamed(description.stage_names(settings, prompt_detail))
     text = fill("rank_afresh", told="\n\n".join(texts), pixels=extent(settings.image_size))
-    return [text, *album.show(shown.cams), *album.show_seen(shown.cams)]
+    return [text, *album.show(shown.cams), *album.show_at_agents_size(shown.cams)]
 
 
 def order(conversation: Conversation, sets: Sequence[str], before: Sequence[Part] = ()) -> Ranked:

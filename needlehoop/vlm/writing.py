@@ -38,15 +38,17 @@ class ProgramRules:
 
 
 def program_rules(settings: Settings, gates: Gates) -> ProgramRules:
-    """The rules with the gates as their judge, whose trajectories are recorded here, once."""
-    trajectories, task = collect(settings, gates), settings.definition
+    """The rules with the gates as their judge; errors are as in ``collect``."""
+    task = settings.definition
+    # What the scripts cannot drive is refused before a model is asked.
+    collect(settings, gates)
 
     def judge(source: str) -> Verdict:
         try:
             program = compile_program(source, task.signals)
         except ProgramError as error:
             return Verdict(str(error))
-        report = gate_report(program, settings, gates, trajectories)
+        report = gate_report(program, settings, gates)
         # Naming the cheat, or where the teacher stopped, would tell the model what success is.
         hidden = {task.cheating: "an episode that fails at the task"}
         hidden |= {f"the teacher {how}": "an episode that stops short" for how in report.stopped}

@@ -10,7 +10,7 @@ from analysis.report import as_html
 def test_a_refilled_page_is_the_page(name):
     page = (analysis.DOCS / name).read_text()
     assert analysis.refilled(name, page) == page
-    marker = next(iter(analysis.TABLES[name]))
+    marker = next(iter(analysis.TABLES[name]()))
     with pytest.raises(ValueError, match=f"{name}: no table {marker}"):
         analysis.refilled(name, page.replace(f"<!-- {marker}", "<!-- nothing"))
 

@@ -51,6 +51,19 @@ def test_snapshot_writes_what_each_camera_sees(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
+    ("word", "message"),
+    [
+        ("levels.camera.shift=[0.001]", "levels.camera.shift: give amounts at severities 1 to 5"),
+        ("+levels.camera.tilt=[0.001]", "levels.camera.tilt: no such axis"),
+    ],
+)
+def test_levels_that_the_sheet_cannot_show_are_refused(word, message, tmp_path, capsys):
+    words = ["disturbed=true", "cams=[rgb_front]", f"out={tmp_path}/sheet.png", word]
+    assert main(["snapshot", *words]) == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
     ("name", "arguments"),
     [
         ("mine.png", ["snapshot", "out={}"]),

@@ -254,7 +254,11 @@ def _ends(span: str) -> tuple[int, int]:
 
 def test_what_cannot_be_is_said_in_a_line_and_leaves_nothing(tmp_path, tiny_run, capsys):
     for name, words, message in (
-        ("smooth-v0", ["demonstrator=cheat"], "choose from smooth, expert, perturbed, or give a"),
+        (
+            "smooth-v0",
+            ["demonstrator=cheat"],
+            "(or a run's folder): 'cheat' is unknown; choose from",
+        ),
         ("smooth-v0", ["cams=[]"], "cams: demonstrations need at least one camera"),
         ("smooth", ["format=lerobot", "image_size=8"], "image_size: 8; LeRobot's films of depth"),
         ("smooth", ["format=open_h"], "cams: dep_front; format=open_h has no depth"),

@@ -13,7 +13,9 @@ import pytest
 import torch
 
 from needlehoop.cli import main as cli
+from needlehoop.config import composing, strict
 from needlehoop.envs.settings import Settings
+from needlehoop.learning.algorithm_config import PpoConfig
 from needlehoop.learning.encoder import EncoderConfig
 from needlehoop.learning.networks import HeadConfig
 from needlehoop.probe import frames, measuring
@@ -215,11 +217,12 @@ def test_combinations_are_names_with_plus(settings):
 
 
 def _plan(settings: Settings, folder: Path, sets: list[str], updates: int, **more) -> Plan:
+    ppo = strict.value(composing.compose((), "probe"), "algo", PpoConfig)
     return Plan(
         env=settings,
         camera_sets=camera_sets(sets, settings),
         encoder=EncoderConfig("tiny", 4, (16,), 1),
-        heads=HeadConfig(64, 1, 1.0, True, ()),
+        algo=replace(ppo, network=HeadConfig(64, 1, 1.0, True, ())),
         episodes=Episodes(**{"train": 60, "held_out": 24, "per_phase": 4, **more}),
         fit=Fit(updates, 64, 2e-3),
         seeds=1,
@@ -304,7 +307,7 @@ def test_tables_hold_the_papers_lists_against_the_probe(tmp_path):
         means = _errors([value] * 3, 12, 0.0, 0)
         save(tmp_path / f"seed0/{name}.csv", TARGETS, means, np.ones((12, 3), dtype=int))
     results = load(tmp_path, TARGETS)
-    table = agreements(results)
+    table = agreements(results).rows
     measured = table[table["against"] == "the paper's measured"]
     assert measured["n"].tolist() == ["5", "5", "6", "14"]
     assert measured["tau-b"].tolist()[:3] == ["1.00"] * 3
@@ -312,11 +315,11 @@ def test_tables_hold_the_papers_lists_against_the_probe(tmp_path):
     # As the paper's VLM agrees with the paper's own measurements.
     vlm = table[table["against"] == "the paper's VLM"]
     assert vlm["tau-b"].tolist() == ["0.60", "0.60", "0.60"]
-    assert ranking(results)["cameras"].tolist()[::15] == ["dep_front+seg_side", "constant"]
+    assert ranking(results).rows["cameras"].tolist()[::15] == ["dep_front+seg_side", "constant"]
     axes = ranking_figure(results).axes
     assert axes[0].get_yticklabels()[0].get_text() == "dep_front+seg_side"
     results.targets = replace(TARGETS, task="reach")
-    assert agreements(results).empty
+    assert agreements(results).rows.empty
 
 
 def test_the_shipped_probe_is_shown_with_its_numbers(tmp_path):

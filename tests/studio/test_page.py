@@ -77,7 +77,7 @@ def test_handles_show_the_world_and_do_not_answer_themselves(page):
     np.testing.assert_allclose(world._frame(before).hand.tip[0], tip[0] + 4e-3, atol=1e-9)
     page.axis.value = "picture.blur"
     page.severity.value = 5
-    assert world.wish.settings.disturb.picture == {"blur": world.ladder["picture.blur"][4]}
+    assert world.wish.settings.disturb.picture == {"blur": world.ladder["picture.blur"][5]}
     page.layout.value, page.seed.value = "near", 5
     near = compose_settings(["task=near"]).task
     assert (world.wish.settings.task, world.wish.settings.seed) == (near, 5)

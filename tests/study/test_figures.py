@@ -13,7 +13,7 @@ from needlehoop.study.render.figures import (
     learning_curves,
     reward_comparison,
 )
-from needlehoop.study.render.style import WIDTH, styled
+from needlehoop.study.render.style import WIDTH, new_figure, save, styled
 from needlehoop.study.stats.findings import study_findings
 
 DRAWN = {"learning_curves.png", "rewards.png", "final_values.png"}
@@ -100,3 +100,9 @@ def test_rewards_are_compared_in_training_and_in_evaluations(study):
     mean = evaluated.lines[2].get_ydata()
     assert mean[-1] == pytest.approx(0.1)
     assert np.isnan(mean[0])
+
+
+def test_names_that_differ_behind_their_last_dot_are_two_files(tmp_path):
+    figure, _ = new_figure(20)
+    names = [f"algo.learning_rate-{rate}" for rate in ("0.0003", "0.0005")]
+    assert [save(figure, tmp_path / name).name for name in names] == [f"{n}.png" for n in names]

@@ -52,7 +52,9 @@ def seen(quick, gates) -> Trajectories:
 @pytest.fixture(scope="module")
 def judge(quick, gates, seen):
     def judged(source: str, **changes):
-        return gate_report(compile_program(source), quick, replace(gates, **changes), seen)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("needlehoop.vlm.gate_report.collect", lambda *_: seen)
+            return gate_report(compile_program(source), quick, replace(gates, **changes))
 
     return judged
 

@@ -13,7 +13,6 @@ from needlehoop.vlm.conversation import (
     NoAnswerError,
     Subtasks,
     in_words,
-    papers_totals,
     ranking,
     totals_of,
 )
@@ -148,7 +147,6 @@ def test_a_transcripts_totals_are_by_conversation_and_of_all(tmp_path):
     assert in_words(totals["all"]) == (
         "5 prompts, 52 tokens (40 in, 12 out; 1 prompts not counted), 3 invalid answers"
     )
-    assert papers_totals() == "25 prompts, 14137 tokens"
 
 
 def places(*names: str, sure: tuple[float, ...] = (0.9, 0.5)) -> str:

@@ -127,25 +127,8 @@ class Function(NamedTuple):
     run: Callable[..., Tensor]
 
 
-def _dot(a: Tensor, b: Tensor) -> Tensor:
-    # One component after the other: a row of a batch gets the same bits as it would alone.
-    return reduce(torch.add, (a * b).unbind(-1))
-
-
-def _norm(v: Tensor) -> Tensor:
-    return torch.sqrt(_dot(v, v))
-
-
 def _vector(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
     return torch.stack(torch.broadcast_tensors(a, b, c), -1)
-
-
-def _least(*numbers: Tensor) -> Tensor:
-    return reduce(torch.minimum, numbers)
-
-
-def _greatest(*numbers: Tensor) -> Tensor:
-    return reduce(torch.maximum, numbers)
 
 
 _N, _V, _V3 = "number", "vector", "vector3"
@@ -155,9 +138,9 @@ _CHOSEN = "a where the condition holds, else b"
 _CLIPPED = "a, but no less than low and no more than high"
 _TURNED = "3-vector v turned by quaternion q (w, x, y, z)"
 _ROWS = (
-    Function("distance(u, v)", "Euclidean distance", (_V, _V), lambda u, v: _norm(u - v)),
-    Function("norm(v)", "length of a vector", (_V,), _norm),
-    Function("dot(u, v)", "scalar product", (_V, _V), _dot),
+    Function("distance(u, v)", "Euclidean distance", (_V, _V), geo.distance),
+    Function("norm(v)", "length of a vector", (_V,), lambda v: torch.sqrt(geo.dot(v, v))),
+    Function("dot(u, v)", "scalar product", (_V, _V), geo.dot),
     Function("x(v)", "first component of a 3-vector", (_V3,), _X),
     Function("y(v)", "second component of a 3-vector", (_V3,), _Y),
     Function("z(v)", "third component of a 3-vector (up)", (_V3,), _Z),
@@ -170,8 +153,8 @@ _ROWS = (
     Function("sqrt(a)", "square root", (_N,), torch.sqrt),
     Function("tanh(a)", "hyperbolic tangent", (_N,), torch.tanh),
     Function("abs(a)", "absolute value", (_N,), torch.abs),
-    Function("min(a, b, ...)", "the least", (_N, _N), _least),
-    Function("max(a, b, ...)", "the greatest", (_N, _N), _greatest),
+    Function("min(a, b, ...)", "the least", (_N, _N), lambda *all_: reduce(torch.minimum, all_)),
+    Function("max(a, b, ...)", "the greatest", (_N, _N), lambda *all_: reduce(torch.maximum, all_)),
     Function("where(condition, a, b)", _CHOSEN, ("truth", "any", "any"), torch.where),
 )
 FUNCTIONS = {row.signature.partition("(")[0]: row for row in _ROWS}

@@ -108,12 +108,14 @@ def _literal(node: ast.expr) -> float | None:
     return None
 
 
-def _summed(node: ast.expr) -> list[str]:
+def _names_summed(node: ast.expr) -> list[str]:
     """The names that an expression sums; none if it is more than a plain sum."""
     match node:
         case ast.BinOp(left=ast.Name(id=first), op=ast.Add(), right=ast.Name(id=last)):
             return [first, last]
-        case ast.BinOp(left=left, op=ast.Add(), right=ast.Name(id=last)) if names := _summed(left):
+        case ast.BinOp(left=left, op=ast.Add(), right=ast.Name(id=last)) if names := _names_summed(
+            left
+        ):
             return [*names, last]
     return []
 
@@ -147,7 +149,7 @@ class _Walk:
             match statement:
                 case ast.Assign(targets=[ast.Name(id=name)], value=expression):
                     value = self._value(expression)
-                    self._assign(statement, name, value, self._summed(name, expression))
+                    self._assign(statement, name, value, self._terms_of(name, expression))
                 case ast.AugAssign(target=ast.Name(id=name), op=op, value=expression):
                     old = self._name(statement, name)
                     changed = arithmetic(statement, op, old, self._value(expression))
@@ -169,9 +171,9 @@ class _Walk:
         if name == RESULT:
             self._last, self._summands = statement, summands
 
-    def _summed(self, target: str, expression: ast.expr) -> dict[str, Tensor]:
+    def _terms_of(self, target: str, expression: ast.expr) -> dict[str, Tensor]:
         """The variables and signals that the result sums; none inside an ``if``."""
-        names = _summed(expression)
+        names = _names_summed(expression)
         plain = target == RESULT and not self._depth and RESULT not in names
         if not plain or len(set(names)) < len(names):
             return {}

@@ -37,7 +37,7 @@ class Ranking:
     places: Mapping[str, float]
     """Place by camera set, the best (lowest) first; a mean where the model was asked repeatedly."""
     sure: Sequence[tuple[str, str, float]] = ()
-    """Of neighbours in an order, the better one, the other, and the stated probability of that."""
+    """Neighbours in an order: the better, the worse, and the probability that the model stated."""
 
 
 @dataclass(frozen=True)

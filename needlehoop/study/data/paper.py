@@ -56,9 +56,12 @@ def measured() -> dict[str, float]:
 
 
 def lists() -> dict[str, list[str]]:
-    """The camera sets of each of the three lists, the best measured first."""
+    """The camera sets of each of the three lists, the best measured first, by its label."""
     table = rows("table_2.csv")
-    return {name: [row["cameras"] for row in table if row["list"] == name] for name in LISTS}
+    return {
+        label: [row["cameras"] for row in table if row["list"] == name]
+        for name, label in LISTS.items()
+    }
 
 
 def answers() -> Answers:

@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from scipy import stats
 
 from needlehoop.study.data import paper
-from needlehoop.study.data.paper import LISTS, reward_label, reward_order
+from needlehoop.study.data.paper import reward_label, reward_order
 from needlehoop.study.data.records import Record
 from needlehoop.study.render.style import COLOURS, DASHES, INK, new_figure, save, short, styled
 from needlehoop.study.stats.findings import StudyFindings
@@ -41,9 +41,7 @@ def learning_curves(findings: StudyFindings) -> Figure | None:
     panels = {"": [*drawn]}
     if len(drawn) > _PANEL:
         lists = findings.lists.items()
-        panels = {
-            LISTS.get(name, name): [cams for cams in drawn if cams in sets] for name, sets in lists
-        }
+        panels = {name: [cams for cams in drawn if cams in sets] for name, sets in lists}
         listed = {cams for sets in panels.values() for cams in sets}
         panels["Others"] = [cams for cams in drawn if cams not in listed]
     shown = [
@@ -214,7 +212,7 @@ def _bars(
         axes.text(1.07 * highest, y, label, va="center", fontsize=6, clip_on=False)
 
 
-_DRAWN: dict[str, tuple[Callable[[StudyFindings], Figure | None], str]] = {
+_FIGURES: dict[str, tuple[Callable[[StudyFindings], Figure | None], str]] = {
     "rewards": (
         reward_comparison,
         "Rewards compared. Left: each curve is in its own reward's points. Right, what compares"
@@ -248,7 +246,7 @@ class Drawn:
 def draw(findings: StudyFindings, folder: Path) -> list[Drawn]:
     """Draw everything there is data for, as PNG; what older calls left in the folder goes."""
     drawn = []
-    for name, (figure, caption) in _DRAWN.items():
+    for name, (figure, caption) in _FIGURES.items():
         (folder / f"{name}.png").unlink(missing_ok=True)
         with styled():
             if (made := figure(findings)) is not None:

@@ -60,7 +60,8 @@ def short(name: str) -> str:
 
 def save(figure: Figure, stem: Path) -> Path:
     """Write a figure as PNG; returns its path."""
-    png = stem.with_suffix(".png")
+    # A name may have dots in it: its end would be taken for a suffix.
+    png = stem.with_name(f"{stem.name}.png")
     png.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(png, metadata={"Software": None})
     return png

@@ -21,7 +21,7 @@ from needlehoop.study.report.tables import all_tables
 from needlehoop.study.stats.findings import StudyFindings
 
 CAMERAS = "cameras"
-"""A study's folder with what an agent sees through each camera; for the paper's task, beside it."""
+"""Folder of the cameras' pictures: in a study; for the paper's task, also beside it."""
 
 _FIRST = ("rewards", "final_values")
 """Figures before all others."""

@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 
 from needlehoop.study.data import paper
-from needlehoop.study.data.paper import LISTS, reward_label, reward_order
+from needlehoop.study.data.paper import reward_label, reward_order
 from needlehoop.study.data.records import ALL, NONE
 from needlehoop.study.render.table import Table, p_value, percent, written
-from needlehoop.study.stats.agreement import Agreement, agreement, pooled
+from needlehoop.study.stats.agreement import Agreement, agreement
 from needlehoop.study.stats.findings import Result, StudyFindings
 from needlehoop.study.stats.predictions import MEASURED, recorded_answers
 from needlehoop.study.stats.run import (
@@ -135,7 +135,7 @@ def table_2(findings: StudyFindings) -> Table:
         places = {one.source: one.places(members) for one in findings.rankings}
         for cameras in members:
             cells = result_row(known[cameras]) if cameras in known else {"return, 95 %": "not run"}
-            row = {"list": LISTS.get(name, name), "cameras": cameras}
+            row = {"list": name, "cameras": cameras}
             row |= {key: cells.get(key, "") for key in ("return", "return, 95 %", "success, %")}
             if findings.is_papers:
                 row["the paper's return"] = written(paper.measured().get(cameras))
@@ -152,7 +152,7 @@ def table_2(findings: StudyFindings) -> Table:
 
 def agreements(findings: StudyFindings) -> Table:
     """How well each prediction fits what was measured, here and in the paper, list by list."""
-    names = {frozenset(members): LISTS.get(name, name) for name, members in findings.lists.items()}
+    names = {frozenset(members): name for name, members in findings.lists.items()}
     rows: list[Row] = []
     for truth, values in findings.truths.items():
         for prediction in findings.predictions_of(truth):
@@ -168,9 +168,9 @@ def agreements(findings: StudyFindings) -> Table:
                     continue
                 both.append((scores, values))
                 brier = {"Brier": written(prediction.brier(members, values))}
-                rows.append(row | agreed(agreement(scores, values)) | brier)
+                rows.append(row | agreed(agreement(both[-1])) | brier)
             if len(both) > 1:
-                rows.append(pair | {"list": "all lists"} | agreed(pooled(both)) | {"Brier": ""})
+                rows.append(pair | {"list": "all lists"} | agreed(agreement(*both)) | {"Brier": ""})
     note = (
         "Two-sided permutation p-values. Regret: the return lost by taking the predicted best. All"
         " lists: means, with p by orders drawn for each list by itself. Brier: mean squared error"

@@ -23,14 +23,12 @@ class Agreement:
     several lists, those without a correlation are left out of its mean.
     """
 
-    n: int
-    """Camera sets, over all lists."""
     lists: int
     tau: float
     """Kendall's tau-b, -1 to 1; ties count for neither side. Over several lists, their mean."""
     tau_p: float
-    """Share of the orders that agree or disagree as strongly: two-sided permutation test. Over
-    several lists, of draws of an order for each list."""
+    """Two-sided permutation test: the share of orders whose |tau| is as large. Over several lists,
+    each draw shuffles every list."""
     rho: float
     """Spearman's rank correlation; ties share their mean rank."""
     rho_p: float
@@ -43,16 +41,12 @@ class Agreement:
     several lists, the mean."""
 
 
-def agreement(predicted: Mapping[str, float], measured: Mapping[str, float]) -> Agreement:
-    """Compare two mappings of scores over the same names; higher is better in both."""
-    return pooled([(predicted, measured)])
+def agreement(*sides: tuple[Mapping[str, float], Mapping[str, float]]) -> Agreement:
+    """Hold predicted scores against measured ones, list by list, and take the lists together.
 
-
-def pooled(sides: Sequence[tuple[Mapping[str, float], Mapping[str, float]]]) -> Agreement:
-    """Compare several lists' scores, and take them together.
-
-    A few sets have few orders, so a list alone seldom says that a prediction is better than
-    chance; several lists together can. Draws keep each list's sets in it.
+    Higher is better in both. The measured ones may have more names, which do not count. A few sets
+    have few orders, so a list alone seldom says that a prediction is better than chance; several
+    lists together can. Draws keep each list's sets in it.
     """
     arrays = []
     for predicted, measured in sides:
@@ -64,7 +58,6 @@ def pooled(sides: Sequence[tuple[Mapping[str, float], Mapping[str, float]]]) -> 
     signs = [(np.sign(_differences(a)), np.sign(_differences(b))) for a, b in arrays]
     ranks = [(_differences(rankdata(a)), _differences(rankdata(b))) for a, b in arrays]
     return Agreement(
-        sum(len(a) for a, _ in arrays),
         len(arrays),
         *_correlate(signs),
         *_correlate(ranks),

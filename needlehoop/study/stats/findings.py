@@ -70,7 +70,8 @@ class StudyFindings:
     answers: Answers | None
     """What the study's own model said."""
     lists: Mapping[str, Sequence[str]]
-    """The paper's lists, where they are of this study, then others that its model ranked."""
+    """The paper's lists, if the study has its camera sets; then lists that only its own model
+    ranked."""
     predictions: Sequence[Prediction]
     """Of everyone who ranked camera sets, the study's own model among them."""
     is_papers: bool

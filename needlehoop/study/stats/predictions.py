@@ -30,7 +30,7 @@ class Prediction:
     source: str
     lists: Mapping[frozenset[str], Mapping[str, float]]
     sure: Mapping[frozenset[str], Sequence[tuple[str, str, float]]] = field(default_factory=dict)
-    """Of pairs of a list's sets, the better one, the other, and the stated probability of that."""
+    """Pairs of a list's sets: the better, the worse, and the probability that the model stated."""
 
     def brier(self, members: frozenset[str], measured: Mapping[str, float]) -> float | None:
         """Mean squared error of a list's stated probabilities; ``None`` where there are none.

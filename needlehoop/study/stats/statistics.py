@@ -96,8 +96,8 @@ def rate(shares: Sequence[float], episodes: Sequence[int]) -> Estimated:
 def difference(first: Estimated, second: Estimated) -> Estimated:
     """``second`` less ``first``; without an interval where one of them has none.
 
-    The interval is made of both (MOVER; of two of Wilson's, it is Newcombe's), so neither has to be
-    as far to one side of its value as to the other.
+    The interval is made of both (MOVER; of two of Wilson's, it is Newcombe's), so either may be
+    asymmetric.
     """
     value, a, b = second.value - first.value, first.interval, second.interval
     if a is None or b is None:
