@@ -1,7 +1,7 @@
 """Several PSMs as one robot.
 
 An arm has a name, such as ``psm1``. All of it in the scene, the signals and the memory begins with
-``psm1_``, and ``psm1`` of the layout, an ``Arm``, says where it stands. An action is that of
+``psm1_``, and ``psm1`` of the layout, an ``ArmAside``, says where it stands. An action is that of
 the first arm, then that of the next.
 """
 

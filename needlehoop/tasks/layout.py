@@ -67,8 +67,7 @@ class ToolLayout(Tool, Layout):
     """The layout of a task with one tool."""
 
 
-# By keyword, so that layouts that build on it may have fields without a default.
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Arm(Tool):
     """Where a PSM stands, begins and may go; its tool is ``tool_midpoint``."""
 
@@ -85,9 +84,6 @@ class Arm(Tool):
 
     rcm_height: Length
     """Height of the remote centre of motion above the table."""
-    rcm_x: Place = 0.0
-    rcm_tilt: Turn = 0.0
-    """Turn of the remote centre's frame about the world's y."""
     grip: Length
     """Distance of ``tool_midpoint`` from the wrist-yaw axis, along the blades."""
 
@@ -99,12 +95,34 @@ class Arm(Tool):
     @property
     def rcm(self) -> np.ndarray:
         """Position of the remote centre of motion, ``(3,)``."""
-        return np.array([self.rcm_x, 0.0, self.rcm_height])
+        return np.array([0.0, 0.0, self.rcm_height])
+
+    @property
+    def tilt(self) -> float:
+        """Turn of the remote centre's frame about the world's y."""
+        return 0.0
 
 
 @dataclass(frozen=True)
 class ArmLayout(Arm, ToolLayout):
-    """The layout of a task with one PSM."""
+    """The layout of a task with one PSM, which stands upright above the origin."""
+
+
+@dataclass(frozen=True)
+class ArmAside(Arm):
+    """One of several PSMs: it stands aside, and leans."""
+
+    rcm_x: Place
+    rcm_tilt: Turn
+    """See ``tilt``."""
+
+    @property
+    def rcm(self) -> np.ndarray:
+        return np.array([self.rcm_x, 0.0, self.rcm_height])
+
+    @property
+    def tilt(self) -> float:
+        return self.rcm_tilt
 
 
 @dataclass(frozen=True)

@@ -109,9 +109,9 @@ def _tip_joints(layout: Arm, tool: Tensor, roll: Tensor) -> Tensor:
 def _from_rcm(layout: Arm, place: Tensor) -> Tensor:
     """Places ``(n, 3)``, m, in the remote centre's frame."""
     away = place - place.new_tensor(layout.rcm)
-    if not layout.rcm_tilt:
+    if not layout.tilt:
         return away
-    half = -layout.rcm_tilt / 2
+    half = -layout.tilt / 2
     return geo.rotate(away.new_tensor((np.cos(half), 0.0, np.sin(half), 0.0)), away)
 
 
@@ -157,7 +157,7 @@ def begin(rules: ToolEpisode, robot: Mapping[str, Tensor]) -> dict[str, Tensor]:
 
 def model(layout: Arm, variant: str) -> mujoco.MjSpec:
     """One of ``psm.VARIANTS`` where the layout says that it stands."""
-    return psm.model_spec(variant, layout.rcm, layout.grip, layout.rcm_tilt)
+    return psm.model_spec(variant, layout.rcm, layout.grip, layout.tilt)
 
 
 def _poser(model: mujoco.MjModel) -> Callable[[np.ndarray, Start], None]:
@@ -263,7 +263,7 @@ def outside_jaws(wrist: Tensor, tool_quat: Tensor, jaw: Tensor, points: Tensor) 
 
 def arm_values(layout: Arm, rules: ToolEpisode) -> dict[str, object]:
     """``control``, ``jaw_closed``, ``jaw_open``, ``jaw_start``, and ``lengths`` of the layout."""
-    axes = "each axis of its arm's base" if layout.rcm_tilt else "each of them"
+    axes = "each axis of its arm's base" if layout.tilt else "each of them"
     turned_about = {"tip": "its own axis", "pose": axes}[rules.control]
     return {
         **lengths(layout),

@@ -22,7 +22,7 @@ def values(layout: HandoverLayout, rules: HandoverRules) -> dict[str, object]:
         **arm,
         **lengths(layout),
         "control": f"does this with each of the two arms: {arm['control']}",
-        "lean": round(math.degrees(abs(layout.psm1.rcm_tilt))),
+        "lean": round(math.degrees(abs(layout.psm1.tilt))),
         "needle_arc": round(math.degrees(layout.needle_arc)),
         "tool_height": round(1000 * layout.psm1.tool_position[2]),
         "meeting_height": round(1000 * layout.meeting[2]),

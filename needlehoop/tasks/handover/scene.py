@@ -13,7 +13,7 @@ from needlehoop.config.strict import Count, Range
 from needlehoop.scene.signals import of_site
 from needlehoop.scene.spec import Materials
 from needlehoop.tasks.arms import by_arm
-from needlehoop.tasks.layout import Arm, ArmEpisode, Layout, Place
+from needlehoop.tasks.layout import ArmAside, ArmEpisode, Layout, Place
 from needlehoop.tasks.needle_hoop.needle import Needle, add_needle, lying
 from needlehoop.tasks.psm import add_grasp, servos, tool_start
 from needlehoop.tasks.start import Chance, Start
@@ -28,8 +28,8 @@ class HandoverLayout(Needle, Layout):
 
     meeting: tuple[Place, Place, Place]
     """Where the needle's middle is to be when it changes hands."""
-    psm1: Arm
-    psm2: Arm
+    psm1: ArmAside
+    psm2: ArmAside
 
     @property
     def thirds(self) -> tuple[float, float]:
