@@ -48,3 +48,10 @@ def test_the_verdict_needs_agreement_beyond_the_rule():
     order |= zip([name for name in SETS if name not in order], (4, 3, 2, 1, 0), strict=True)
     rough = {name: is_two_sided(name) + place / 100 for name, place in order.items()}
     assert verdict(RANKED, rough) == "only as a rule"
+
+
+def test_a_single_run_of_a_set_has_no_verdict():
+    learnt = runs(RANKED, 0.001)
+    alone = learnt.loc[(learnt["cameras"] != SETS[3]) | (learnt["seed"] == 0)]
+    first = stand_in_table(alone, learnt).iloc[0]
+    assert (first["τ-b (95 %)"], first["a stand-in"]) == ("1.00", "too few seeds")
