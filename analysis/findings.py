@@ -31,7 +31,7 @@ from analysis.protocol import (
     traits_table,
 )
 from analysis.runs import STRESS, runs_of, stress_of
-from analysis.stand_in import beside_table
+from analysis.stand_in import beside_table, stand_in_table
 from analysis.verdicts import verdicts_table
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.study.data import paper
@@ -227,6 +227,7 @@ def _evidence() -> dict[str, pd.DataFrame]:
     tested, stress = runs("survival"), stress_of(RESULTS / "survival")
     return {
         "stand_in": beside_table(ppo, imitated),
+        "stand_in_agrees": stand_in_table(ppo, imitated),
         "mounted": instruments.views_table(mounted),
         "mounted_questions": instruments.questions_table(mounted),
         "mounted_predictions": instruments.predictions_table(foretold, mounted),
