@@ -219,11 +219,8 @@ def _evidence() -> dict[str, pd.DataFrame]:
         "claude": instruments.model_scores(RECORDINGS / "claude_operating_room"),
         "probe": instruments.probe_scores(RESULTS / "operating_room"),
     }
-    pegs, singles, pairs = (
-        runs("protocol_peg_transfer"),
-        runs("placements"),
-        runs("placement_pairs"),
-    )
+    singles, pairs = runs("placements"), runs("placement_pairs")
+    pegs, written_rewards = runs("protocol_peg_transfer"), runs("protocol_rewards")
     tested, stress = runs("survival"), stress_of(RESULTS / "survival")
     return {
         "stand_in": beside_table(ppo, imitated),
@@ -250,7 +247,7 @@ def _evidence() -> dict[str, pd.DataFrame]:
         "survival": survival.sets_table(tested, survival.survival(stress)),
         "survival_axes": survival.axes_table(stress),
         "survival_predicted": survival.predictions_table(tested, stress),
-        "writers": writers_table(runs("protocol_rewards")),
+        "writers": writers_table(written_rewards),
         "results": _results(),
         "claims": _claims(),
         "predictions": _predictions(),

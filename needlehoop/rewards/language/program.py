@@ -108,14 +108,12 @@ def _literal(node: ast.expr) -> float | None:
     return None
 
 
-def _names_summed(node: ast.expr) -> list[str]:
+def _summed(node: ast.expr) -> list[str]:
     """The names that an expression sums; none if it is more than a plain sum."""
     match node:
         case ast.BinOp(left=ast.Name(id=first), op=ast.Add(), right=ast.Name(id=last)):
             return [first, last]
-        case ast.BinOp(left=left, op=ast.Add(), right=ast.Name(id=last)) if names := _names_summed(
-            left
-        ):
+        case ast.BinOp(left=left, op=ast.Add(), right=ast.Name(id=last)) if names := _summed(left):
             return [*names, last]
     return []
 
@@ -173,7 +171,7 @@ class _Walk:
 
     def _terms_of(self, target: str, expression: ast.expr) -> dict[str, Tensor]:
         """The variables and signals that the result sums; none inside an ``if``."""
-        names = _names_summed(expression)
+        names = _summed(expression)
         plain = target == RESULT and not self._depth and RESULT not in names
         if not plain or len(set(names)) < len(names):
             return {}
