@@ -109,7 +109,8 @@ class TorchRLEnv(EnvBase):
         resets = None if tensordict is None else tensordict.get("_reset", None)
         if self._is_restored and (resets is None or bool(resets.all())):
             self._is_restored = False
-            return self._tensordict(self.simulation.look(), torch.zeros(0, dtype=torch.int64))
+            none = torch.zeros(0, dtype=torch.int64, device=self.device)
+            return self._tensordict(self.simulation.look(), none)
         mask = None if resets is None else resets.reshape(self.batch_size[0])
         first = self.simulation.state is None
         if first:
