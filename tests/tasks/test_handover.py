@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from functools import cache
 from types import SimpleNamespace
@@ -152,7 +153,9 @@ def test_the_second_arm_is_paid_for_waiting_with_open_jaws_where_it_takes_the_ne
     scene = flight()
     s = scene.moment.signals
     before = scene.simulation.reward(s)
-    place = s.pickup_2 + s.meeting - s.needle_middle
+    # The needle has still to move by so much, less the slack.
+    way = s.meeting - s.needle_middle
+    place = s.pickup_2 + way * (1.0 - 0.01 / way.norm(dim=-1, keepdim=True))
 
     def waiting(height: float, jaw: float) -> Tensor:
         s.psm2_tool_midpoint = place + torch.tensor([0.0, 0.0, height]).double()
@@ -166,6 +169,19 @@ def test_the_second_arm_is_paid_for_waiting_with_open_jaws_where_it_takes_the_ne
     torch.testing.assert_close(ready, torch.full((3,), 1.5).double())
     for height, jaw in ((0.015, 1.35), (0.0, 0.0)):
         assert (waiting(height, jaw) < ready - 0.05).all()
+
+
+def test_a_needle_near_the_meeting_place_is_as_good_as_there():
+    scene = flight()
+    fly(scene, "lifted")
+    s = scene.moment.signals
+
+    def lifted(away: float) -> list[float]:
+        s.needle_middle = s.meeting + torch.tensor([0.6 * away, 0.0, -0.8 * away]).double()
+        return scene.simulation.reward(s)["lift"].tolist()
+
+    assert lifted(0.0) == lifted(0.0099) == [4.0] * 3
+    assert lifted(0.02) == pytest.approx([4.0 * math.exp(-0.4)] * 3)
 
 
 # The physics.

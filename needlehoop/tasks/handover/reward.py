@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from torch import Tensor
 
-from needlehoop.config.strict import Positive, Real
+from needlehoop.config.strict import Positive, Range, Real
 from needlehoop.robot.geometry import distance
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks.psm import outside_jaws
@@ -28,7 +29,7 @@ class Human:
 
     PSM 2's way pays from the start, and half of it for open jaws: an arm that is paid for nothing
     drifts away. It pays as much as a grasp, because what pays little is lost in the noise of what
-    pays much.
+    pays much. So a needle that is held up within the slack pays the same wherever it is.
     """
 
     rate: Positive
@@ -40,6 +41,8 @@ class Human:
     take: Real
     give: Real
     time: Real
+    slack: Annotated[float, Range(0.0, 1.0)] = 0.0
+    """So near to the meeting place the needle is as good as there, m; 0 in runs of before."""
 
     def __call__(self, signals: Signals) -> dict[str, Tensor]:
         """Terms ``(n,)`` by name."""
@@ -47,7 +50,8 @@ class Human:
         one = torch.ones_like(s.elapsed)
         held = torch.logical_or(s.grasped_1, s.released)
         taken = torch.logical_or(s.both, s.released)
-        up = held * self._closeness(s.needle_middle, s.meeting)
+        rest = self._rest(s)
+        up = held * torch.exp(-self.rate * rest.norm(dim=-1))
         way = self._closeness(s.psm1_tool_midpoint, s.pickup_1)
         away_1, away_2 = (_away(s, arm) for arm in (1, 2))
         # How far jaws are told to open, from 0 to 1.
@@ -55,8 +59,8 @@ class Human:
             (command / _WIDE_OPEN).clamp(0.0, 1.0)
             for command in (s.psm1_jaw_command, s.psm2_jaw_command)
         )
-        # Where PSM 2's pickup point will be with the needle at the meeting place.
-        place = s.pickup_2 + s.meeting - s.needle_middle
+        # Where PSM 2's pickup point will be when the needle is there.
+        place = s.pickup_2 + rest
         # About the needle the jaws are to shut.
         ready = torch.where(away_2 == 0, one, opened_2)
         waiting = 0.25 * self._closeness(s.psm2_tool_midpoint, place) * (1.0 + ready)
@@ -70,6 +74,12 @@ class Human:
             "give": self.give * given,
             "time": -self.time * s.elapsed,
         }
+
+    def _rest(self, s: Signals) -> Tensor:
+        """How the needle has still to move to be near enough to the meeting place ``(n, 3)``, m."""
+        way = s.meeting - s.needle_middle
+        length = way.norm(dim=-1, keepdim=True).clamp(min=1e-9)
+        return way * (1.0 - self.slack / length).clamp(min=0.0)
 
     def _jaws(self, away: Tensor, opened: Tensor) -> Tensor:
         """How nearly jaws are shut about their pickup point, from 0 to 0.5 ``(n,)``."""
