@@ -99,7 +99,6 @@ def test_a_seed_gives_the_same_bits_again_and_after_a_stop(method, collector):
     assert [name for name in weights if not torch.equal(weights[name], again[name])] == []
 
 
-@pytest.mark.full
 def test_a_machine_with_other_cores_goes_on_with_as_many_workers(by_two):
     state = torch.load(io.BytesIO(by_two.state), weights_only=True)
     rest, _, again = learnt(job_of(*METHODS["sac"]), state=state)

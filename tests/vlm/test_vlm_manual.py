@@ -9,14 +9,18 @@ import pytest
 from vlm_server import by_schema
 
 from needlehoop.cli.main import main
+from needlehoop.training import session
+from needlehoop.vlm.conversation import Verdict
 from needlehoop.vlm.messages import Message, Png, Request
 from needlehoop.vlm.providers import find_json, write_request
+from needlehoop.vlm.writing import ProgramRules
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 
 VLM = Path("results/main/vlm")
 WORDS = ["vlm=manual", "vlm.model=somebody", "vlm.poll=0.001", "size=16"]
 AT_ONCE = [*WORDS, "vlm.wait=0"]
+GOOD = json.dumps({"explanation": "e", "program": "reward = 9 if grasped else 0"})
 
 
 def question() -> Path:
@@ -70,6 +74,25 @@ def test_a_request_carries_what_was_said_and_numbers_all_pictures(tmp_path):
     assert json.loads((tmp_path / "schema.json").read_text()) == {"type": "object"}
     write_request(Request(messages[:1], {"type": "object"}), tmp_path)
     assert "What was said before" not in (tmp_path / "request.md").read_text()
+
+
+def test_an_answer_in_the_wrong_form_goes_back_like_any_other(monkeypatch):
+    rules = ProgramRules(0.0, 9.0, lambda _: Verdict(None))
+    monkeypatch.setattr(session, "rules_of", lambda _: rules)
+    reward = ["vlm", "reward", *AT_ONCE, "cams=[dep_front,seg_side]"]
+    assert main(reward) == 2
+    # Nothing is recorded of a question that nobody answered.
+    assert not (VLM / "transcript.jsonl").exists()
+    (question() / "answer.md").write_text("I would rather not say.")
+    assert main(reward) == 2
+    correction = (question() / "request.md").read_text()
+    assert "That answer could not be used" in correction
+    assert "I would rather not say." in correction
+    (question() / "answer.txt").write_text(f"Here:\n```\n{GOOD}\n```")
+    assert main(reward) == 0
+    program = VLM / "rewards/dep_front+seg_side/image.txt"
+    assert program.read_text() == "reward = 9 if grasped else 0\n"
+    assert [line["answer"] for line in lines()][-1] == GOOD
 
 
 def test_json_is_found_in_what_was_pasted():
