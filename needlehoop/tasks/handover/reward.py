@@ -59,7 +59,7 @@ class Human:
             (command / _WIDE_OPEN).clamp(0.0, 1.0)
             for command in (s.psm1_jaw_command, s.psm2_jaw_command)
         )
-        # Where PSM 2's pickup point will be when the needle is there.
+        # Where PSM 2's pickup point will be once the needle is near enough to the meeting place.
         place = s.pickup_2 + rest
         # About the needle the jaws are to shut.
         ready = torch.where(away_2 == 0, one, opened_2)
