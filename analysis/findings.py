@@ -220,7 +220,7 @@ def _evidence() -> dict[str, pd.DataFrame]:
         "probe": instruments.probe_scores(RESULTS / "operating_room"),
     }
     singles, pairs = runs("placements"), runs("placement_pairs")
-    pegs, written_rewards = runs("protocol_peg_transfer"), runs("protocol_rewards")
+    pegs, written_rewards = runs("peg_transfer_wide"), runs("protocol_rewards")
     tested, stress = runs("survival"), stress_of(RESULTS / "survival")
     return {
         "stand_in": beside_table(ppo, imitated),
