@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 
 import hydra
+import yaml
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from hydra.types import RunMode
@@ -30,6 +31,11 @@ def run(words: Sequence[str], command: str) -> None:
     ``command`` is ``python train.py`` or ``needlehoop train``. Raises ``SystemExit`` with one line
     that names the mistake, or where a sweep's run has failed.
     """
+    if {"-h", "--help"} & {*words}:
+        # Hydra would first look up each option of each group, for seconds.
+        main_config = yaml.safe_load((composing.CONF / "config.yaml").read_text())
+        print(main_config["hydra"]["help"]["template"], end="")
+        return
     name = command.removeprefix("python ")
     with _in_a_line(name):
         arguments, _ = composing.prepare(words)

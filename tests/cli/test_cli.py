@@ -128,7 +128,10 @@ def test_help_says_what_a_command_does_and_shows_its_keys(capsys):
     ("words", "columns"),
     [
         ([], ["weld", "friction"]),
-        (["episode.grasp=friction", "video_episodes=1", "--video", "{}"], ["friction"]),
+        (
+            ["episode.grasp=friction", "episode.max_steps=5", "video_episodes=1", "--video", "{}"],
+            ["friction"],
+        ),
     ],
 )
 def test_the_expert_grasps_as_it_is_told(capsys, tmp_path, words, columns):

@@ -32,7 +32,8 @@ def test_the_shipped_agent_is_watched_if_none_is_named(run, monkeypatch, capsys)
     before = contents(run)
     monkeypatch.setattr(shipped, "AGENT", run)
     for shown in (1, 2):
-        assert main(["watch", "episodes=4", f"video_episodes={shown}"]) == 0
+        words = ["episodes=4", f"video_episodes={shown}", "episode.max_steps=4"]
+        assert main(["watch", *words]) == 0
         output = capsys.readouterr().out
         assert str(run) in output
         # Not the seed of its own evaluation.
