@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 
 import hydra
-import yaml
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from hydra.types import RunMode
@@ -18,7 +17,8 @@ from omegaconf import DictConfig
 
 from needlehoop.config import composing
 from needlehoop.runs.machine import terminable
-from needlehoop.runs.reading import printable
+from needlehoop.runs.reading import printable, read_yaml
+from needlehoop.runs.shipped import CONF
 from needlehoop.training import sweep
 
 KNOWN = (ValueError, OSError, ArithmeticError, MemoryError, HydraException)
@@ -33,8 +33,7 @@ def run(words: Sequence[str], command: str) -> None:
     """
     if {"-h", "--help"} & {*words}:
         # Hydra would first look up each option of each group, for seconds.
-        main_config = yaml.safe_load((composing.CONF / "config.yaml").read_text())
-        print(main_config["hydra"]["help"]["template"], end="")
+        print(read_yaml(CONF / "config.yaml")["hydra"]["help"]["template"], end="")
         return
     name = command.removeprefix("python ")
     with _in_a_line(name):
@@ -51,7 +50,7 @@ def run(words: Sequence[str], command: str) -> None:
     sys.argv[1:] = sorted(command_line, key=lambda word: "=" in word and not word.startswith("-"))
     # Hydra raises errors instead of printing them.
     os.environ["HYDRA_FULL_ERROR"] = "1"
-    main = hydra.main(config_path=str(composing.CONF), config_name="config", version_base="1.3")
+    main = hydra.main(config_path=str(CONF), config_name="config", version_base="1.3")
     try:
         # A scheduler's SIGTERM stops a sweep as Ctrl-C does.
         with _in_a_line(name), terminable(), composing.explained("config"):
