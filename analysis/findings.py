@@ -219,7 +219,7 @@ def _evidence() -> dict[str, pd.DataFrame]:
         "claude": instruments.model_scores(RECORDINGS / "claude_operating_room"),
         "probe": instruments.probe_scores(RESULTS / "operating_room"),
     }
-    singles, pairs = runs("places"), runs("place_pairs")
+    singles, pairs = runs("placements"), runs("placement_pairs")
     pegs, written_rewards = runs("peg_transfer_wide"), runs("protocol_rewards")
     tested, stress = runs("survival"), stress_of(RESULTS / "survival")
     return {
@@ -262,7 +262,7 @@ FIGURES: Mapping[str, Callable[[], Figure]] = {
     "mounted": lambda: instruments.views_figure(runs("operating_room")),
     "which_cameras": lambda: sets_figure(runs("protocol")),
     "predictions": lambda: predictions_figure(camera_predictions(), means(runs("protocol"))),
-    "where_cameras": lambda: placements.places_figure(runs("places"), runs("place_pairs")),
+    "where_cameras": lambda: placements.places_figure(runs("placements"), runs("placement_pairs")),
     "survival": lambda: survival.survival_figure(
         survival.survival(stress_of(RESULTS / "survival"))
     ),

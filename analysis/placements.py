@@ -22,7 +22,7 @@ from needlehoop.study.render.style import COLOURS, INK, new_figure
 from needlehoop.study.render.table import p_value, percent, written
 from needlehoop.study.stats.statistics import Estimated, Interval
 
-RULES = Path(__file__).parents[1] / "results" / "places" / "rules.csv"
+RULES = Path(__file__).parents[1] / "results" / "placements" / "rules.csv"
 """What the rules say of the 20 drawn cameras; written once, before the runs, at 04ee7d2."""
 CAMERAS = [f"rgb_p{number:02d}" for number in range(1, 21)]
 
