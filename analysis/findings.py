@@ -109,6 +109,13 @@ def runs(name: str) -> pd.DataFrame:
     return runs_of(RESULTS / name)
 
 
+def learnt(name: str) -> pd.DataFrame:
+    """The runs of a study by PPO, with the share that each threads by friction alone."""
+    run = ["cameras", "reward", "seed"]
+    flown = pd.read_csv(RESULTS / name / "friction.csv").rename(columns={"success": "friction"})
+    return runs(name).merge(flown[[*run, "friction"]], "left", run, validate="one_to_one")
+
+
 @cache
 def camera_predictions() -> list[Prediction]:
     """Who predicted the protocol's camera sets."""
@@ -204,16 +211,16 @@ def _rewards() -> pd.DataFrame:
 
 def _verdicts() -> dict[str, pd.DataFrame]:
     written_rewards = runs("protocol_rewards")
-    table = verdicts_table(runs("protocol"), runs("operating_room"), written_rewards, study)
-    return {"verdicts": table}
+    ways = runs("protocol"), runs("ppo"), runs("operating_room")
+    return {"verdicts": verdicts_table(*ways, written_rewards, study)}
 
 
 @cache
 def _evidence() -> dict[str, pd.DataFrame]:
-    imitated, ppo, mounted = runs("protocol"), runs("ppo"), runs("operating_room")
+    imitated, ppo, mounted = runs("protocol"), learnt("ppo"), runs("operating_room")
     # A front and a side view by PPO are among Q1's runs.
     pair = ppo.query("cameras == 'rgb_front+rgb_side'")
-    mounted_ppo = pd.concat([runs("operating_room_ppo"), pair], ignore_index=True)
+    mounted_ppo = pd.concat([learnt("operating_room_ppo"), pair], ignore_index=True)
     # Both were made before the sets with cameras on instruments were trained.
     foretold = {
         "claude": instruments.model_scores(RECORDINGS / "claude_operating_room"),

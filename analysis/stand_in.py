@@ -18,13 +18,17 @@ _LEAST_TAU, _DRAWS = 0.5, 10_000
 
 
 def beside_table(learnt: pd.DataFrame, imitated: pd.DataFrame) -> pd.DataFrame:
-    """Each camera set's runs by PPO, the best first, beside its mean by imitation."""
+    """Each camera set's runs by PPO, the best first, beside its mean by imitation.
+
+    ``learnt`` also says what each run threads by friction alone.
+    """
     groups, by_imitation = learnt.groupby("cameras"), means(imitated)
     return pd.DataFrame(
         {
             "cameras": name,
             "PPO: threaded by seed, %": percent(groups.get_group(name)["success"].tolist()),
             "PPO: sampled, %": percent(float(np.mean(groups.get_group(name)["sampled"]))),
+            "PPO: by friction, %": percent(groups.get_group(name)["friction"].tolist()),
             "imitation: threaded, mean, %": percent(by_imitation[name]),
         }
         for name in means(learnt)
