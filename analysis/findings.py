@@ -218,9 +218,6 @@ def _verdicts() -> dict[str, pd.DataFrame]:
 @cache
 def _evidence() -> dict[str, pd.DataFrame]:
     imitated, ppo, mounted = runs("protocol"), learnt("ppo"), runs("operating_room")
-    # A front and a side view by PPO are among Q1's runs.
-    pair = ppo.query("cameras == 'rgb_front+rgb_side'")
-    mounted_ppo = pd.concat([learnt("operating_room_ppo"), pair], ignore_index=True)
     # Both were made before the sets with cameras on instruments were trained.
     foretold = {
         "claude": instruments.model_scores(RECORDINGS / "claude_operating_room"),
@@ -235,7 +232,7 @@ def _evidence() -> dict[str, pd.DataFrame]:
         "mounted": instruments.views_table(mounted),
         "mounted_questions": instruments.questions_table(mounted),
         "mounted_predictions": instruments.predictions_table(foretold, mounted),
-        "mounted_ppo": beside_table(mounted_ppo, mounted),
+        "mounted_ppo": beside_table(learnt("operating_room_ppo"), mounted),
         "mounted_pegs": sets_table(runs("operating_room_pegs"), "placed"),
         "mounted_axes": survival.axes_table(pd.read_csv(RESULTS / "operating_room" / STRESS)),
         "protocol": sets_table(imitated),
