@@ -30,7 +30,7 @@ from analysis.protocol import (
     sets_table,
     traits_table,
 )
-from analysis.runs import STRESS, runs_of, stress_of
+from analysis.runs import RUNS, STRESS, runs_of, stress_of
 from analysis.stand_in import beside_table, stand_in_table
 from analysis.verdicts import verdicts_table
 from needlehoop.runs.shipped import RECORDINGS
@@ -211,7 +211,7 @@ def _rewards() -> pd.DataFrame:
 
 def _verdicts() -> dict[str, pd.DataFrame]:
     written_rewards = runs("protocol_rewards")
-    ways = runs("protocol"), runs("ppo"), runs("operating_room")
+    ways = runs("protocol"), pd.read_csv(RESULTS / "ppo" / RUNS), runs("operating_room")
     return {"verdicts": verdicts_table(*ways, written_rewards, study)}
 
 
