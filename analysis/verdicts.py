@@ -110,7 +110,7 @@ def _singles(
     does_well = {max(values) >= _WELL for values in (imitated, by_run, easier.values())}
     return (
         f"wide layout: by imitation {_range(imitated)} of 100, one on the instrument {wrist:.0f};"
-        f" by 2 M steps of PPO {_range(by_run)} by run; by 1.5 M on the easier layout"
+        f" single runs of 2 M steps of PPO {_range(by_run)}; by 1.5 M on the easier layout"
         f" {_range(easier.values())}",
         IT_DEPENDS if len(does_well) > 1 else FAILS if True in does_well else HOLDS,
     )
