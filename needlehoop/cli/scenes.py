@@ -44,12 +44,12 @@ def snapshot(options: argparse.Namespace) -> None:
 def tasks(options: argparse.Namespace) -> None:
     """List the tasks: their facts, phases, controllers and variants.
 
-    With task=<a variant>, the table of that task's signals as well.
+    With task=<a variant> or task_dir=, that task alone, with the table of its signals.
     """
     from needlehoop.tasks.registry import find, names
 
     settings, _ = environment(options)
-    is_one = bool(typed(options.overrides, "task"))
+    is_one = any(typed(options.overrides, key) for key in ("task", "task_dir"))
     _, folders = part(options.overrides)
     for name in [settings.definition.name] if is_one else names():
         task = find(name)
