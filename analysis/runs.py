@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-import yaml
 
+from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF
 from needlehoop.study.data.records import NONE, Record, read_study
 from needlehoop.study.stats.run import TRAINING, final
@@ -56,7 +56,7 @@ def add(to: Path, studies: Sequence[Path]) -> None:
 
 
 def _key(run: Record) -> dict[str, Any]:
-    options = {path.stem: yaml.safe_load(path.read_text()) for path in DISTURB.glob("*.yaml")}
+    options = {path.stem: read_yaml(path) for path in DISTURB.glob("*.yaml")}
     names = [name for name, amounts in options.items() if amounts == run.config["disturb"]]
     if not names:
         raise ValueError(f"{run.folder}: its disturb is none of {', '.join(sorted(options))}")

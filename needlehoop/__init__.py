@@ -86,13 +86,17 @@ def make_sb3(
     conf_dir: str | Path | None = None,
     task: str | None = None,
     task_dir: str | Path | None = None,
+    render_mode: str | None = None,
 ) -> StableBaselinesVecEnv:
-    """A VecEnv for Stable-Baselines3 (extra ``sb3``); arguments as in ``make_env``."""
+    """A VecEnv for Stable-Baselines3 (extra ``sb3``); arguments as in ``make_env``.
+
+    ``render_mode="rgb_array"`` lets it draw the scene, as ``VecVideoRecorder`` asks for.
+    """
     from needlehoop.api.making import settings
     from needlehoop.gym.stable_baselines import StableBaselinesVecEnv
 
     more = {"num_envs": num_envs, "conf_dir": conf_dir, "task": task, "task_dir": task_dir}
-    return StableBaselinesVecEnv(settings(cams, reward, overrides, seed=seed, **more))
+    return StableBaselinesVecEnv(settings(cams, reward, overrides, seed=seed, **more), render_mode)
 
 
 def make_env_of(

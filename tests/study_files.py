@@ -35,7 +35,6 @@ TASK: dict[str, Any] = {
     "goal": "threaded",
     "columns": ["success", "cheat", "grasped", "lifted", "threaded", "diverged"],
     "phases": [["reach", "grasped"], ["lift", "lifted"], ["insert", "threaded"]],
-    "cheat": True,
 }
 """As a run's manifest tells of it."""
 

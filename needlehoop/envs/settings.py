@@ -111,12 +111,12 @@ class Settings:
         return {c.name: self.renderings[c.rendering].channels * stacked for c in self.cameras}
 
 
-def compose_settings(overrides: Iterable[str] = (), name: str = "env") -> Settings:
-    """Settings from a config file of ``conf/`` and Hydra overrides.
+def compose_settings(overrides: Iterable[str] = ()) -> Settings:
+    """Settings from ``conf/env.yaml`` and Hydra overrides.
 
     Raises ``ValueError`` for an unknown key, option or value; it lists the valid ones.
     """
-    return settings_from(composing.compose(overrides, name))
+    return settings_from(composing.compose(overrides, "env"))
 
 
 def settings_from(values: Mapping[str, Any]) -> Settings:

@@ -69,7 +69,7 @@ def add_mesh(
     )
 
 
-def tube(curve: np.ndarray, radius: float, taper: float = 0.0) -> Mesh:
+def tube(curve: np.ndarray, radius: float, taper: float) -> Mesh:
     """A round tube along a planar curve, with closed ends.
 
     Args:
@@ -81,7 +81,7 @@ def tube(curve: np.ndarray, radius: float, taper: float = 0.0) -> Mesh:
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     across = np.cross(tangent, [0.0, 0.0, 1.0])
     at = np.linspace(0.0, 1.0, len(curve))
-    width = radius * np.clip((1.0 - at) / taper, 0.08, 1.0) if taper else np.full(len(at), radius)
+    width = radius * np.clip((1.0 - at) / taper, 0.08, 1.0)
     angles = np.linspace(0.0, 2 * np.pi, _SIDES, endpoint=False)
     rings = [
         point + w * (np.outer(np.cos(angles), side) + np.outer(np.sin(angles), [0.0, 0.0, 1.0]))

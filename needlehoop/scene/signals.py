@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import mujoco
 import torch
+from tabulate import tabulate
 from torch import Tensor
 
 Signals = Any
@@ -138,6 +139,4 @@ def describe(table: Mapping[str, Signal]) -> str:
     for name, signal in table.items():
         shape = "x".join(map(str, signal.shape)) or "scalar"
         rows.append((name, shape, signal.unit, signal.frame, signal.source, signal.meaning))
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    widths[-1] = 0  # The meaning is last, and not filled up.
-    return "\n".join("  ".join(map(str.ljust, row, widths)) for row in rows)
+    return tabulate(rows, tablefmt="plain", disable_numparse=True)

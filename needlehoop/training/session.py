@@ -235,7 +235,6 @@ def task_note(task: Task) -> dict[str, Any]:
         "goal": task.goal,
         "columns": [*task.columns],
         "phases": [[phase.name, phase.ends] for phase in task.phases],
-        "cheat": task.cheat is not None,
     }
 
 

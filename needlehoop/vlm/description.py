@@ -12,6 +12,7 @@ from pathlib import Path
 from string import Template
 
 import numpy as np
+from tabulate import tabulate
 
 from needlehoop.envs.images import DARKEST
 from needlehoop.envs.settings import Settings
@@ -109,9 +110,7 @@ def unexplained(settings: Settings) -> str:
         shape = "x".join(map(str, row.shape)) or "scalar"
         least, most = (", ".join(f"{round(v, 3) + 0.0:.3f}" for v in end) for end in reached[name])
         rows.append((name, shape, row.unit, row.frame, least, most))
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = ("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
-    return fill("ranges", table="\n".join(lines))
+    return fill("ranges", table=tabulate(rows, tablefmt="plain", disable_numparse=True))
 
 
 def signals(settings: Settings) -> str:

@@ -1,7 +1,7 @@
 """The batched engine under Stable-Baselines3."""
 
 import numpy as np
-from stable_baselines3.common.vec_env import DummyVecEnv
+from stable_baselines3.common.vec_env import DummyVecEnv, VecVideoRecorder
 
 import needlehoop
 from needlehoop.envs.settings import compose_settings
@@ -37,3 +37,13 @@ def test_one_environment_gives_what_their_own_wrapper_gives():
         assert info.pop("is_success") is info["success"]
         assert info.pop("TimeLimit.truncated", False) is other.pop("TimeLimit.truncated")
         assert info == other
+
+
+def test_it_films_the_scene_as_their_recorder_asks(tmp_path):
+    env = needlehoop.make_sb3(num_envs=2, overrides=WORDS, render_mode="rgb_array")
+    film = VecVideoRecorder(env, str(tmp_path), lambda step: step == 0, video_length=2)
+    film.reset()
+    for action in actions(3, 2):
+        film.step(action)
+    film.close()
+    assert [path.suffix for path in tmp_path.iterdir()] == [".mp4"]

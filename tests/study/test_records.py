@@ -10,7 +10,7 @@ from study_files import BUFFER, UPDATES, change, write_answers, write_run
 import needlehoop
 from needlehoop.study.data.answers import read_answers
 from needlehoop.study.data.records import Place, read_run, read_study
-from needlehoop.study.stats.run import BEST, RETURN, TRAINING, evaluations, final, steps_to_share
+from needlehoop.study.stats.run import BEST, RETURN, TRAINING, evaluations, final, steps_to_success
 
 
 @pytest.fixture
@@ -116,8 +116,8 @@ def test_time_to_a_share_is_the_first_buffer_that_holds_it(study):
     text = "\n".join(["update,step,wall_time,return,success", *lines, ""])
     (run / "metrics.csv").write_text(text)
     (record,) = read_run(run).runs
-    assert steps_to_share(record, "success", 0.5) == 10 * BUFFER
-    assert steps_to_share(record, "success", 0.95) is None
+    assert steps_to_success(record, 0.5) == 10 * BUFFER
+    assert steps_to_success(record, 0.95) is None
 
 
 def test_answers_become_the_rows_of_table_1(tmp_path):

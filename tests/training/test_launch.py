@@ -28,7 +28,6 @@ def say(script: Path, *words: str) -> subprocess.CompletedProcess[str]:
     ("words", "command"),
     [
         ("table2.sh seed=0,1", "+experiment=table2 seed=0,1"),
-        ("segdep.sh steps=9", "+experiment=segdep steps=9"),
         ("slurm.sh table2 seed=1", "+experiment=table2 hydra/launcher=slurm seed=1"),
         (
             "ray.sh table2 seed=1",

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import csv
 
-import yaml
-
 from needlehoop.runs.files import EXPERT
+from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.study.data.answers import Answer, Answers, Ranking
 
@@ -47,7 +46,7 @@ def reward_order(reward: str) -> tuple[int, str]:
 
 def task() -> str:
     """The name of the paper's task, which is also the default task."""
-    return yaml.safe_load((CONF / "task/standard.yaml").read_text())["name"]
+    return read_yaml(CONF / "task/standard.yaml")["name"]
 
 
 def measured() -> dict[str, float]:

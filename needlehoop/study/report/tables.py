@@ -19,7 +19,7 @@ from needlehoop.study.stats.run import (
     HUMAN_POINTS,
     SUCCESS_OVER_TRAINING,
     TRAINING,
-    steps_to_share,
+    steps_to_success,
 )
 from needlehoop.study.stats.statistics import rate
 
@@ -65,7 +65,7 @@ def results(findings: StudyFindings) -> Table:
 
 def result_row(result: Result) -> Row:
     """What the runs of one camera set with one reward came to."""
-    steps = [steps_to_share(run, "success", _SOON) for run in result.runs]
+    steps = [steps_to_success(run, _SOON) for run in result.runs]
     return {
         "cameras": result.cameras,
         "reward": reward_label(result.reward),

@@ -97,11 +97,11 @@ def smooth(run: Record, steps: np.ndarray, column: str) -> np.ndarray:
     return np.interp(steps, run.metrics["step"], values, left=np.nan, right=np.nan)
 
 
-def steps_to_share(run: Record, column: str, share: float) -> float | None:
-    """Environment steps until a share of training episodes is first reached over ``BUFFERS``."""
+def steps_to_success(run: Record, share: float) -> float | None:
+    """Environment steps until a share of training episodes first succeeds over ``BUFFERS``."""
     if run.metrics is None:
         return None
-    means = run.metrics[column].rolling(BUFFERS, min_periods=1).mean().to_numpy()
+    means = run.metrics["success"].rolling(BUFFERS, min_periods=1).mean().to_numpy()
     # Earlier means are of too few episodes.
     hits = np.flatnonzero(means[BUFFERS - 1 :] >= share)
     return float(run.metrics["step"].to_numpy()[BUFFERS - 1 + hits[0]]) if len(hits) else None
