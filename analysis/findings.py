@@ -30,9 +30,10 @@ from analysis.protocol import (
     sets_table,
     traits_table,
 )
-from analysis.runs import RUNS, STRESS, runs_of, stress_of
+from analysis.runs import RUNS, runs_of, stress_of
 from analysis.stand_in import beside_table, stand_in_table
 from analysis.verdicts import verdicts_table
+from needlehoop.runs.files import STRESS
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.study.data import paper
 from needlehoop.study.data.paper import reward_label, reward_order

@@ -14,9 +14,10 @@ from typing import Any
 
 import pandas as pd
 
+from needlehoop.runs.files import NONE, STRESS
 from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF
-from needlehoop.study.data.records import NONE, Record, read_study
+from needlehoop.study.data.records import Record, read_study
 from needlehoop.study.stats.run import TRAINING, final
 
 RUN = ["disturb", "cameras", "reward", "seed"]
@@ -28,7 +29,7 @@ DISTURB = CONF / "disturb"
 _SHARES = ("success", "grasped", "lifted", "touched", "cheat", "return", "return_human")
 """Of an evaluation, those that its task has."""
 
-RUNS, STRESS = "runs.csv", "stress.csv"
+RUNS = "runs.csv"
 
 
 def is_two_sided(cameras: str) -> bool:

@@ -9,7 +9,7 @@ from analysis.dots import of_hundred
 from analysis.placements import correlations
 from analysis.protocol import means
 from analysis.runs import RUN
-from needlehoop.study.data.records import ALL, NONE
+from needlehoop.runs.files import ALL, NONE
 from needlehoop.study.render.style import COLOURS, FAINT, new_figure
 from needlehoop.study.render.table import percent
 

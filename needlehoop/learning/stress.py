@@ -16,9 +16,7 @@ from needlehoop.envs.build import build
 from needlehoop.envs.controllers import MakeController
 from needlehoop.envs.settings import Settings
 from needlehoop.learning.evaluate import wilson
-
-NONE, ALL = "none", "all"
-"""Names of the conditions without a disturbance, and with every axis at once."""
+from needlehoop.runs.files import ALL, NONE
 
 
 @dataclass(frozen=True)

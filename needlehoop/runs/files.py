@@ -17,10 +17,12 @@ from typing import Any
 CONFIG, MANIFEST, REWARD = "config.yaml", "manifest.json", "reward.txt"
 METRICS, EVALUATIONS = "metrics.csv", "evaluations.csv"
 CHECKPOINT, EVALUATION, VIDEO = "checkpoint.pt", "evaluation.json", "video.mp4"
-STRESS = "stress.csv"
 POLICY, BEST = "policy.safetensors", "best.safetensors"
 POLICIES = {"last": POLICY, "best": BEST}
 """A policy as training left it, and as it was at the best evaluation on the way."""
+
+STRESS, NONE, ALL = "stress.csv", "none", "all"
+"""A stress test; in it, the conditions without a disturbance and with every axis at once."""
 
 FURTHER = "evaluations"
 """In a run's folder: evaluations beside its own, each in a folder of its own."""

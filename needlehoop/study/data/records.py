@@ -17,9 +17,6 @@ from pydantic import TypeAdapter
 from needlehoop.runs import files
 from needlehoop.runs.reading import read_json, read_yaml
 
-NONE, ALL = "none", "all"
-"""Conditions of a stress test without a disturbance, and with all of them at once."""
-
 
 @dataclass(frozen=True)
 class TaskNote:

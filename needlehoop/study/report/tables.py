@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from needlehoop.runs.files import ALL, NONE
 from needlehoop.study.data import paper
 from needlehoop.study.data.paper import reward_label, reward_order
-from needlehoop.study.data.records import ALL, NONE
 from needlehoop.study.render.table import Table, p_value, percent, written
 from needlehoop.study.stats.agreement import Agreement, agreement
 from needlehoop.study.stats.findings import Result, StudyFindings
