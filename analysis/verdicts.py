@@ -142,7 +142,7 @@ def _best(success: dict[str, float], learnt: pd.DataFrame) -> Finding:
     by_run = 100 * learnt.loc[learnt["cameras"].map(is_two_sided), "success"]
     return (
         f"it is {place}th of {len(success)} by imitation ({100 * success[_BEST]:.0f} of 100); by"
-        f" 2 M steps of PPO each run with a front and a side view is near the ceiling"
+        " 2 M steps of PPO each run with a front and a side view is near the ceiling"
         f" ({_range(by_run)})",
         HOLDS if place == 1 else FAILS,
     )

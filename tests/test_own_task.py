@@ -122,6 +122,8 @@ def test_commands_take_it(capsys, tmp_path):
     assert "cube_on_spot: A gantry" in output
     assert "grip_command" in output
     assert "needle_hoop: " not in output
+    assert main(["tasks", word, "task=cube_on_spot"]) == 0
+    assert "grip_command" in capsys.readouterr().out
     assert main(["export", word, f"out={tmp_path}/arm"]) == 2
     assert "cube_on_spot does not have one PSM" in capsys.readouterr().err
 
